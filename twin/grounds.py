@@ -23,7 +23,7 @@ from math import sqrt
 from twin.assessment import HeldOutErrors
 from twin.established import HYSTERESIS, LIMITS, EstablishedLimits
 from twin.rig import Rig
-from twin.tracing.unexplained import VERDICT_LIMITS, VerdictLimits
+from twin.tracing.unexplained import VERDICT_LIMITS, VerdictLimits, does_not_fit, excess, figure_of
 from twin.updating.calibration import outliers
 from twin.updating.conditions import MATCH
 from twin.updating.encoders import ENCODERS
@@ -256,15 +256,13 @@ def _mesh_lines(basis: Basis) -> Iterator[Ground]:
 
 def _held_out(basis: Basis) -> Iterator[Ground]:
     """Held-out windows that the twin does not predict."""
-    limit = basis.verdict.held_out_error
     for channel, name in HELD_OUT.items():
-        if name not in basis.raised:
+        if name not in basis.raised or basis.errors is None:
             continue
-        error = getattr(basis.errors, channel)
-        once = "" if error > limit else f"; {100 * limit * HYSTERESIS.release:.0f} % once it was exceeded"
+        ratio = excess(basis.errors, channel) or 0.0
+        once = "" if ratio > 1 else f", and {100 * HYSTERESIS.release:.0f} % of it once it was exceeded"
         yield Ground(
-            reason=f"the error of the {name.removeprefix('held-out ')} on held-out windows is {100 * error:.0f} % "
-            f"(limit {100 * limit:.0f} %{once}): vibration that the model does not explain may change the depth",
+            reason=f"{figure_of(basis.errors, channel)}{once}: what the model does not explain may change the depth",
             remedies=(MORE_WINDOWS, MEASURED_DEPTH),
             arisen=True,
         )
@@ -358,7 +356,14 @@ def _young(basis: Basis) -> Iterator[Ground]:
         )  # fmt: skip
 
 
-EXCLUDING: tuple[Rule, ...] = (_other_machine, _other_gears, _unreachable_level)
+def _does_not_fit(basis: Basis) -> Iterator[Ground]:
+    """A level that the model predicts worse than nothing would."""
+    reason = does_not_fit(basis.errors) if basis.by_level else None
+    if reason is not None:
+        yield Ground(reason=reason, remedies=(OWN_RIG_FILE, TWO_ENCODERS))
+
+
+EXCLUDING: tuple[Rule, ...] = (_other_machine, _other_gears, _unreachable_level, _does_not_fit)
 RULES: tuple[Rule, ...] = (
     _nothing_measured,
     _not_calibrated,

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 from twin.established import HYSTERESIS, Doubts
 from twin.grounds import HELD_OUT, LEVEL_RISE, MESH_LINES, OTHER_GEARS, RATE, UNREACHABLE, Basis
+from twin.tracing.unexplained import excess
 from twin.updating.remaining_life import LIFE
 
 
@@ -45,7 +46,7 @@ class Noisy:
 
 
 def _held_out(channel: str) -> Callable[[Basis], float | None]:
-    return lambda basis: None if basis.errors is None or not basis.errors.windows else getattr(basis.errors, channel)
+    return lambda basis: excess(basis.errors, channel)
 
 
 def _misfit(basis: Basis) -> float | None:
@@ -68,7 +69,7 @@ def _rate(basis: Basis) -> float | None:
 NOISY = (
     *(
         Noisy(
-            name=HELD_OUT[channel], value=_held_out(channel), limit=lambda basis: basis.verdict.held_out_error,
+            name=HELD_OUT[channel], value=_held_out(channel), limit=lambda basis: 1.0,
             release=HYSTERESIS.release, windows=HYSTERESIS.windows,
         )
         for channel in HELD_OUT

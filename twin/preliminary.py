@@ -26,6 +26,7 @@ from twin.grounds import EXCLUDING, RULES, Basis, Ground, no_rise
 from twin.noisy import doubts_after
 from twin.quantiles import Z95
 from twin.rig import Rig
+from twin.tracing.unexplained import does_not_fit
 from twin.updating.life import NO_DOUBT, LifeDoubt
 from twin.updating.measurement import SCATTER
 from twin.updating.update import UpdateOutcome
@@ -74,7 +75,7 @@ def confidence_of(
         band=_band(basis, doubted),
         depth=_preliminary((ground for ground in grounds if ground.depth), before),
         life=_preliminary((ground for ground in grounds if ground.life), before),
-        no_life=no_rise(basis) if basis.by_level and not basis.shows_wear else None,
+        no_life=does_not_fit(errors) or (no_rise(basis) if basis.by_level and not basis.shows_wear else None),
         life_doubt=_life_doubt(basis, doubted),
         doubts=doubts,
     )

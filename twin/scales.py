@@ -1,6 +1,6 @@
 """Quantities of one machine that deciding numbers are shares of (twin/thresholds.py).
 
-    F = T/r_b1        δ = F/k_m        e = 2π·r_b/N
+    F = T/r_b1        δ = F/k_m        e = 2π·r_b/N        e_j = j/(2·sin α)
 
 T     rated torque on the pinion                     [N·m]
 r_b1  base radius of the pinion                      [m]
@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from math import pi
+from math import pi, sin
 from typing import Any
 
 from twin.errors import NotAvailable
@@ -34,6 +34,8 @@ UNITS = {
     "rated mesh force over squared speed": "kg·m",
     "static mesh deflection": "m",
     "base pitch": "m",
+    "backlash": "m",
+    "run-out that takes up the backlash": "m",
     "upper limit of the analysis band": "Hz",
     "acceleration noise floor": "m/s²",
     "torque noise floor": "N·m",
@@ -73,6 +75,9 @@ class Scales:
             pair = None
         if pair is not None:
             values["base pitch"] = pair.base_pitch
+            if pair.backlash > 0:
+                values["backlash"] = pair.backlash
+                values["run-out that takes up the backlash"] = pair.backlash / (2 * sin(pair.pressure_angle))
             if torque:
                 force = abs(torque) / pair.base_radius[0]
                 scale = rig.get("mesh.stiffness_scale", 1.0)

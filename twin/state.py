@@ -132,7 +132,7 @@ class State:
         return cls(
             windows_seen=int(data["windows_seen"]),
             recent=from_plain(tuple[WindowResidual, ...], data["recent"]),
-            latest=from_plain(LatestParts, data["latest"]),
+            latest=from_plain(LatestParts, _with_limits(data["latest"])),
             levels=from_plain(Mapping[str, LevelReading], data["levels"]),
             residual_records=from_plain(Records, data.get("residual_records", ())),
             tracing=Tracing.from_dict(data["tracing"]),
@@ -144,3 +144,11 @@ class State:
             outdated=dict(data.get("outdated", {})),
             history=from_plain(History, data.get("history", {})),
         )
+
+
+def _with_limits(latest: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The latest parts without the one limit for all machines that stood beside a verdict once."""
+    rest = latest.get("unexplained")
+    if not isinstance(rest, Mapping) or "limit" not in rest:
+        return latest
+    return {**latest, "unexplained": {key: value for key, value in rest.items() if key != "limit"}}

@@ -58,7 +58,7 @@ def _tracing(data: Mapping[str, Any], memory: dict[str, Any]) -> dict[str, Any]:
         "history": [migrate_window_input_v1(t) for t in data.get("history", [])],
         "stages": stages,
         "signs": {SIGNS.get(name, name): value for name, value in data.get("signs", {}).items()},
-        "refuted": dict(standing.get("unbelieved") or {}),
+        "refuted": {},  # what was refused is asked again
         "errors": [{"before": a, "after": b} for a, b in pairwise(pairs)],
         "error": pairs[-1] if pairs else None,
         "residual": _held_out_residual(data.get("residual")),
@@ -230,7 +230,6 @@ def _unexplained(unexplained: Mapping[str, Any]) -> dict[str, Any]:
         "share": _scaled(unexplained["share_percent"], PERCENT),
         "lines": [_line(line) for line in unexplained["orders"]],
         "reason": unexplained.get("reason") or "",
-        "limit": None,
     }
 
 

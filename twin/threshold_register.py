@@ -31,6 +31,7 @@ from twin.baseline.verdict import DiagnosisThresholds
 from twin.detectability.machines import HealthySpread
 from twin.detectability.nulls import NullThresholds
 from twin.detectability.windows import NoiseOfFloor
+from twin.effects.eccentricity import EccentricityDetection
 from twin.effects.facts import DetectionThresholds
 from twin.effects.mass_unbalance import MassUnbalanceDetection
 from twin.effects.mesh_damping import MeshDampingDetection
@@ -63,7 +64,6 @@ from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
 from twin.tracing.accelerometer_fault import AccelerometerFaultThresholds
 from twin.tracing.change_detection import ChangeLimits
-from twin.tracing.confirmation import ConfirmationLimits
 from twin.tracing.context import WindowThresholds
 from twin.tracing.crack_growth import CrackGrowthThresholds
 from twin.tracing.detectors.crack import CrackThresholds
@@ -75,9 +75,9 @@ from twin.tracing.detectors.sensor import SensorThresholds
 from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.detectors.unknown import UnknownThresholds
-from twin.tracing.effect_order import OrderLimits
+from twin.tracing.earned import EarnedLimits
 from twin.tracing.gain_change import GainDriftThresholds
-from twin.tracing.held_out_gain import HeldOutScatter
+from twin.tracing.healthy_lines import HealthyLimits
 from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
 from twin.tracing.mean_step import MeanStepThresholds
@@ -96,7 +96,6 @@ from twin.tracing.tooth_patterns import PatternThresholds
 from twin.tracing.transfer_path import TransferPathThresholds
 from twin.tracing.unexplained import VerdictLimits
 from twin.tracing.unknown_entry import EntryThresholds
-from twin.tracing.unknown_held_out import UnknownConfirmation
 from twin.tracing.unknown_lines import UnknownLineThresholds
 from twin.tracing.unnamed_content import UnnamedThresholds
 from twin.updating.calibration import CalibrationFit, RigFilePrior
@@ -150,6 +149,7 @@ SETS: tuple[type, ...] = (
     StatedRate,
     NullTail,
     DetectionThresholds,
+    EccentricityDetection,
     MassUnbalanceDetection,
     MeshDampingDetection,
     MeshStiffnessLossDetection,
@@ -176,10 +176,9 @@ SETS: tuple[type, ...] = (
     SpeedThresholds,
     SamplingThresholds,
     ChangeLimits,
-    ConfirmationLimits,
+    EarnedLimits,
     MovedLineLimits,
-    OrderLimits,
-    HeldOutScatter,
+    HealthyLimits,
     WindowThresholds,
     CrackThresholds,
     EccentricityThresholds,
@@ -193,7 +192,6 @@ SETS: tuple[type, ...] = (
     UnknownThresholds,
     UnknownLineThresholds,
     EntryThresholds,
-    UnknownConfirmation,
     ShaftRemainderThresholds,
     UnnamedThresholds,
     MeanStepThresholds,

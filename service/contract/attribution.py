@@ -171,7 +171,8 @@ class Tracing(ContractModel):
     other_structure: bool = Field(description="whether the transfer path is not that of the rig file")
     held_out: list[int] = Field(description="indices of windows kept from all fits")
     fitted: list[int]
-    not_confirmed: list[str] = Field(description="effects that held-out windows spoke against")
+    not_confirmed: list[str] = Field(description="effects that were refused")
+    refused: dict[str, str] = Field(description="the same with the reason: no smaller error, impossible, or chance")
     rejected: list[str] = Field(description="effects that an engineer has ruled out")
     errors: Errors | None = Field(description="of the twin in use, on held-out windows")
     depths: list[DepthPair] = Field(description="depth by window without and with the effects")
@@ -191,6 +192,7 @@ class Tracing(ContractModel):
             held_out=list(found.held_out),
             fitted=list(found.fitted),
             not_confirmed=list(found.not_confirmed),
+            refused=dict(found.refused),
             rejected=list(found.rejected),
             errors=None if found.errors is None else Errors.of(found.errors),
             depths=[

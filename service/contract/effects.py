@@ -208,7 +208,14 @@ class Effect(ContractModel):
 
     name: str
     label: str | None = Field(default=None, description="for people; absent where the effect is none of the table")
-    status: Literal["found", "accepted", "pinned", "rejected"] | None = None
+    status: Literal["found", "suspected", "accepted", "pinned", "rejected"] | None = Field(
+        default=None, description="suspected: fewer than three held-out windows since its onset could test it"
+    )
+    explained_percent: float | None = Field(
+        default=None,
+        description="share of the squared error on held-out windows that it takes away, of the channel that it "
+        "explains best",
+    )
     parameters: dict[str, Figure]
     evidence: Evidence
     error_before: Errors
@@ -254,6 +261,8 @@ class Effect(ContractModel):
             parts["label"] = label
         if effect.onset_std is not None:
             parts["onset_std_revolutions"] = effect.onset_std
+        if effect.explained is not None:
+            parts["explained_percent"] = in_unit(effect.explained, PERCENT)
         if effect.moved_lines:
             parts["moved_lines"] = [MovedLines.of(moved) for moved in effect.moved_lines]
         if effect.growth is not None:
@@ -273,6 +282,14 @@ class Effect(ContractModel):
         )
 
 
+class HealthyErrors(ContractModel):
+    """Errors that a healthy machine has at most [%]; null where one is not known."""
+
+    level: float | None
+    acceleration: float | None
+    transmission_error: float | None
+
+
 class Unexplained(ContractModel):
     """What the model with its effects does not explain."""
 
@@ -281,15 +298,27 @@ class Unexplained(ContractModel):
     verdict: Literal["explained", "unknown_effect", "insufficient_data"]
     reason: str
     limit_percent: float | None = Field(
-        default=None, description="error on held-out windows up to which the machine counts as explained"
+        default=None, description="the larger of the limits for acceleration and transmission error"
+    )
+    limits_percent: HealthyErrors | None = Field(
+        default=None,
+        description="errors on held-out windows up to which the machine counts as explained: the most that a healthy "
+        "machine has within the rig file's tolerances, at the conditions of these windows",
     )
 
     @classmethod
     def of(cls, unexplained: assessment.Unexplained) -> Unexplained:
+        most = unexplained.limits
+        known = [limit for limit in (most.waveform, most.transmission_error) if limit is not None]
         return cls(
             share_percent=in_unit(unexplained.share, PERCENT),
             orders=[Line.of(line) for line in unexplained.lines],
             verdict=unexplained.verdict,  # type: ignore[arg-type]
             reason=unexplained.reason,
-            limit_percent=in_unit(unexplained.limit, PERCENT),
+            limit_percent=in_unit(max(known), PERCENT) if known else None,
+            limits_percent=HealthyErrors(
+                level=in_unit(most.rms, PERCENT),
+                acceleration=in_unit(most.waveform, PERCENT),
+                transmission_error=in_unit(most.transmission_error, PERCENT),
+            ),
         )

@@ -16,7 +16,7 @@ import pytest
 from benchmarks.scoring import read_truth, truth_beside, windows_of
 from service.contract.answer import report_of
 from service.contract.status import status_of
-from twin.assessment import HeldOutErrors
+from twin.assessment import HealthyErrors, HeldOutErrors
 from twin.established import LIMITS
 from twin.machine_change import MachineChange
 from twin.options import Options
@@ -26,7 +26,13 @@ from twin.step import change, step
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 PLAIN = Options(trace=False)
-UNPREDICTED = HeldOutErrors(rms=0.1, waveform=0.5, transmission_error=0.05, windows=(2, 5))
+UNPREDICTED = HeldOutErrors(
+    rms=0.1,
+    waveform=0.5,
+    transmission_error=0.05,
+    windows=(2, 5),
+    healthy=HealthyErrors(rms=0.2, waveform=0.3, transmission_error=0.3),
+)
 
 
 @lru_cache(maxsize=1)

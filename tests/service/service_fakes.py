@@ -198,6 +198,7 @@ def traced_report(revolutions: float, windows: int) -> dict:
         "held_out": [2, 5],
         "fitted": [0, 1, 3, 4],
         "not_confirmed": [],
+        "refused": {},
         "rejected": ["tooth_friction"],
         "errors": error(9.0, 2.5),
         "skipped": [],

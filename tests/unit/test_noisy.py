@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.unit.test_preliminary import GOOD, by_level, doubts, latest
+from tests.unit.test_preliminary import GOOD, HEALTHY, by_level, doubts, latest
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.established import LIMITS, History
@@ -51,8 +51,8 @@ def unreachable(outcome, value):
 
 
 QUANTITIES = {
-    "held-out transmission error": (held_out("transmission_error"), VERDICT_LIMITS.held_out_error, "depth"),
-    "held-out acceleration": (held_out("waveform"), VERDICT_LIMITS.held_out_error, "depth"),
+    "held-out transmission error": (held_out("transmission_error"), HEALTHY.transmission_error, "depth"),
+    "held-out acceleration": (held_out("waveform"), HEALTHY.waveform, "depth"),
     "mesh lines": (misfit, VERDICT_LIMITS.doubtful_misfit, "depth"),
     "wear rate": (rate, LIFE.measurable, "life"),
     "level rise": (rise, LIMITS.level_rise, "no_life"),
@@ -113,7 +113,8 @@ def test_reason_says_the_limit_at_which_a_doubt_ends():
         errors = replace(GOOD, waveform=value)
         found = confidence_of(rig, outcome, errors, history)
         history = history_after(rig, history, outcome, found, index)
-    assert "is 27 % (limit 30 %; 22 % once it was exceeded)" in found.depth.reasons[0]
+    assert "is 27 %" in found.depth.reasons[0]
+    assert "30 % at most, and 75 % of it once it was exceeded" in found.depth.reasons[0]
     assert not doubts(rig, outcome, errors)
 
 

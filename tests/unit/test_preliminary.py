@@ -7,7 +7,7 @@ import pytest
 
 from tests.estimated_machines import rig_of
 from tests.unit.test_step import recorded
-from twin.assessment import HeldOutErrors
+from twin.assessment import HealthyErrors, HeldOutErrors
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.established import LIMITS, History
@@ -22,7 +22,8 @@ from twin.updating.history import WindowInput, replay_history
 from twin.updating.joint_gauge import SIZE, LineFactors
 from twin.updating.memory import Memory
 
-GOOD = HeldOutErrors(rms=0.05, waveform=0.1, transmission_error=0.1, windows=(2, 5))
+HEALTHY = HealthyErrors(rms=0.2, waveform=0.3, transmission_error=0.3)
+GOOD = HeldOutErrors(rms=0.05, waveform=0.1, transmission_error=0.1, windows=(2, 5), healthy=HEALTHY)
 
 
 @cache
@@ -89,7 +90,7 @@ def test_poor_calibration_is_doubted_until_held_out_windows_confirm_the_twin():
 def test_held_out_windows_that_are_not_predicted_cast_doubt_on_the_depth():
     rig, outcome = latest()
     said = doubts(rig, outcome, replace(GOOD, transmission_error=0.45))
-    assert "45 % (limit 30 %)" in said and "may change the depth" in said
+    assert "is 45 %, that of a healthy machine of this rig file 30 % at most" in said and "may change the depth" in said
 
 
 def test_rate_that_cannot_be_distinguished_from_zero_casts_doubt_on_the_life_alone():

@@ -13,6 +13,7 @@ from twin.assessment import (
     EstablishedBefore,
     Evidence,
     FlankProfile,
+    HealthyErrors,
     Interval,
     Life,
     LifeDate,
@@ -31,6 +32,8 @@ from twin.assessment import (
 )
 from twin.attention import StatusLimits, horizon_of, probability_within
 from twin.effects import EFFECTS
+
+HEALTHY = HealthyErrors(waveform=0.3)
 
 FLANK = FlankProfile(radius=(), roll_angle=(), depth=())
 
@@ -77,7 +80,7 @@ HEALTHY = Assessment(
         index=5, kind="measurement", start_time_ns=1, revolutions=10_000.0, speed=10.0, torque=10.0, rms_measured=1.0
     ),
     wear=wear(), life=life(), residual=Unavailable(reason="none"), effects=(),
-    unexplained=Unexplained(verdict="explained", share=0.01, limit=0.3), calibration=Unavailable(reason="none"),
+    unexplained=Unexplained(verdict="explained", share=0.01, limits=HEALTHY), calibration=Unavailable(reason="none"),
 )  # fmt: skip
 ALARMING = [name for name, kind in EFFECTS.items() if kind.facts.alarm_class == "alarm"]
 

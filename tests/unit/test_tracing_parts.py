@@ -18,14 +18,13 @@ from twin.scales import Scales
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.attribution_loop import attribute_non_gear_content
 from twin.tracing.change_detection import floors, is_new, widened
-from twin.tracing.confirmation import refuted_before, refuted_numbers
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors.non_gear import find_non_gear_content
 from twin.tracing.gain_change import change_of_lines, gain_step
-from twin.tracing.held_out_error import HeldOutComparison, errors_of, residual_by_band_and_order
+from twin.tracing.held_out_error import ChannelComparison, HeldOutComparison, errors_of, residual_by_band_and_order
 from twin.tracing.joining import same_effect
 from twin.tracing.log import decision_event, event_of
-from twin.tracing.state import EffectErrors, TraceSummary, Tracing, TwinStage, relevant
+from twin.tracing.state import EffectErrors, Refusal, TraceSummary, Tracing, TwinStage, relevant
 from twin.tracing.summary import attribution_of, effects_of
 from twin.tracing.trace import held_out, trace
 from twin.tracing.transfer_path import Quotient
@@ -96,14 +95,6 @@ def test_lines_that_change_alike_are_a_sensor_and_lines_that_change_apart_a_stru
 def test_lines_that_do_not_change_speak_for_neither(seed):
     change = change_of_lines(quotients(0.0, seed=seed), 3150.0, 0.2)
     assert max(change.shared, change.apart) < 3  # Markov: at most 1 in 20 by chance
-
-
-def test_refuted_effect_is_another_one_where_it_sets_in_later():
-    early, late = found(), found(onset=3000.0)
-    refuted = {"misalignment": refuted_numbers(early)}
-    assert refuted_before(early, refuted) and not refuted_before(late, refuted)
-    assert refuted_before(found(onset=2000.0), {"misalignment": refuted_numbers(late)})
-    assert not refuted_before(found(value=60e-6), refuted)
 
 
 def test_line_seen_in_one_window_only_tells_no_step():
@@ -221,12 +212,14 @@ def test_windows_once_held_out_stay_held_out():
 
 
 def compared(predicted, measured=None):
-    orders = np.array([18.0, 19.0, 38.0])
     y = np.array([0.5, 3.0 + 1j, 2.0j]) if measured is None else measured
-    return HeldOutComparison(
-        index=5, speed_hz=10.0, orders=orders, measured=y, predicted=predicted * y, std=np.full(3, 0.01),
-        rms_measured=2.0, rms_predicted=2.2, error_left=1.0, error_measured=4.0,
-    )  # fmt: skip
+
+    def lines(m, y):
+        orders, std = np.array([18.0, 19.0, 38.0])[: y.size], np.full(y.size, 0.01)
+        return ChannelComparison(orders=orders, measured=y, predicted=m * y, std=std, variance=2 * std**2)
+
+    channels = {"acceleration": lines(predicted, y), "transmission_error": lines(0.5, np.array([1.0, 1.0]))}
+    return HeldOutComparison(index=5, speed_hz=10.0, channels=channels, rms_measured=2.0, rms_predicted=2.2)
 
 
 def test_waveform_error_is_nothing_for_a_perfect_twin_and_all_for_a_silent_one():
@@ -268,7 +261,7 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
         found=(found(), found(onset=4000.0)),
         stages=(TwinStage(memory=Memory(), depth=1e-5, depths={3: 1e-6, 4: 2e-6}, life=None),),
         decisions={"misalignment": "pinned", "tooth_friction": "rejected"},
-        refuted={"mesh_damping": (0.4, 1.0)},
+        refuted={"mesh_damping": Refusal(reason="chance", windows=(2,), onset=1.0, measured=5)},
         errors=(EffectErrors(before=HeldOutErrors(rms=0.2, windows=(2,)), after=HeldOutErrors(note="none")),),
         error=HeldOutErrors(waveform=0.1, windows=(2, 5)),
         unattributed=(SpectralLine(order=5.0, frequency=50.0, share=None),),

@@ -92,7 +92,8 @@ class Attribution:
     other_structure: bool = False
     held_out: tuple[int, ...] = ()  # indices of windows
     fitted: tuple[int, ...] = ()
-    not_confirmed: tuple[str, ...] = ()  # effects that held-out windows have spoken against
+    not_confirmed: tuple[str, ...] = ()  # effects that were refused
+    refused: tuple[tuple[str, str], ...] = ()  # the same with the reason, a clause each
     rejected: tuple[str, ...] = ()  # effects that an engineer has ruled out
     errors: HeldOutErrors | None = None  # of the twin in use, on held-out windows
     depths: tuple[DepthPair, ...] = ()

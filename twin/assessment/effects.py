@@ -55,6 +55,15 @@ class Evidence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HealthyErrors:
+    """Relative errors that a healthy machine has at most, within the rig file's tolerances; None where unknown."""
+
+    rms: float | None = None
+    waveform: float | None = None
+    transmission_error: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutErrors:
     """Errors on windows that took no part in fitting, relative; None where there were none."""
 
@@ -64,6 +73,7 @@ class HeldOutErrors:
     transmission_error: float | None = None
     windows: tuple[int, ...] = ()
     note: str = ""  # why not all held-out windows were compared
+    healthy: HealthyErrors | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +105,8 @@ class EffectAssessment:
     name: str
     parameters: Mapping[str, ParameterValue]
     evidence: Evidence
-    status: str | None = "found"  # or accepted, pinned; None where it is judged anew in each window
+    status: str | None = "found"  # or suspected, accepted, pinned; None where it is judged anew in each window
+    explained: float | None = None  # share of a channel's held-out error, squared, that it takes away
     error_before: HeldOutErrors = field(default_factory=HeldOutErrors)
     error_after: HeldOutErrors = field(default_factory=HeldOutErrors)
     moved_lines: tuple[MovedLines, ...] = ()  # on held-out windows; () where it moves none beyond their scatter
@@ -120,4 +131,4 @@ class Unexplained:
     share: float | None = None  # of the measured energy over the noise floor
     lines: tuple[SpectralLine, ...] = ()
     reason: str = ""
-    limit: float | None = None  # error on held-out windows up to which it counts as explained
+    limits: HealthyErrors = field(default_factory=HealthyErrors)  # held-out errors up to which it counts as explained

@@ -19,7 +19,6 @@ from twin.model import Calibration, Model, mesh_of
 from twin.rig import Rig
 from twin.scales import Scales
 from twin.thresholds import deciding
-from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.joint_problem import JointFitThresholds
 from twin.tracing.tooth_patterns import PATTERNS
 from twin.tracing.transfer_path import within_tolerances
@@ -90,7 +89,7 @@ def drawn(rig: Rig, rng: np.random.Generator, spread: HealthySpread = SPREAD) ->
         mesh=mesh_of(rig),
     )
     radii = model.mesh.pair.base_radius
-    healthy = ToothErrorThresholds().healthy_pattern
+    healthy = PATTERNS.healthy_pattern
     pinion, gear = (share * g for share, g in zip(healthy, scales.graduation, strict=True))
     (K,) = rig.require("the wear coefficient", "wear.K")
     return HealthyMachine(

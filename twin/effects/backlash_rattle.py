@@ -54,6 +54,7 @@ class BacklashRattle:
         alarm_class="alarm",
         changes_mesh_lines=False,
         synchronous=False,
+        claims="swing",
         separates_teeth=True,
     )
 

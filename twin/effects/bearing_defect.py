@@ -103,6 +103,7 @@ class BearingDefect:
         alarm_class="alarm",
         changes_mesh_lines=False,
         synchronous=False,
+        claims="envelope",
     )
     period: ClassVar[str] = "hunting"
 

@@ -29,8 +29,22 @@ from typing import ClassVar
 import numpy as np
 
 from twin.dynamics.structure import direction
+from twin.effects.facts import DetectionThresholds
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, Shift
+from twin.thresholds import deciding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EccentricityDetection(DetectionThresholds):
+    """A run-out that the backlash allows."""
+
+    largest_size: float = deciding(
+        1.0,
+        of="run-out that takes up the backlash",
+        meaning="largest eccentricity that is possible; the model is given no more",
+        source="derivation: j = 2·e·sin α, from there on the teeth jam once a turn (DIN 3967:1978, clause 4)",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +57,7 @@ class Eccentricity:
 
     shaft: ClassVar[int]  # 0 pinion, 1 gear
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(name="eccentricity", unit="m", low=0.0, high=500e-6, prior=50e-6),
+        Parameter(name="eccentricity", unit="m", low=0.0, high=500e-6, prior=50e-6, phase="high_point"),
         Parameter(name="high_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
         Parameter(name="shift_share", unit="", low=0.0, high=1.5, prior=0.5, shape=True),
     )

@@ -17,6 +17,7 @@ ACTS_ON = ("nothing", "mesh", "teeth", "shaft", "bearing", "sensor", "unknown")
 DETECTORS = (
     "", "rattle", "shaft_forces", "non_gear", "tooth_errors", "crack", "eccentricity", "mesh", "sensor", "unknown",
 )  # fmt: skip
+CLAIMS = ("lines", "envelope", "swing")
 ALARM_CLASSES = ("none", "watch", "alarm")
 CHANGES = ("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled")  # of a machine, by people
 
@@ -39,7 +40,7 @@ class DetectionThresholds:
     )
     largest_size: float = deciding(
         inf,
-        meaning="size that the model is given at most",
+        meaning="largest size that is possible on this rig; the model is given no more",
         source="not derived: left to the parameter's bounds",
     )
 
@@ -100,6 +101,7 @@ class Facts:
     tilts_shaft: bool = False  # whether the mean transmission error moves by an unknown step when it sets in
     synchronous: bool = True  # whether its lines survive averaging over turns of a shaft
     separates_teeth: bool = False  # whether there is no steady mesh from which a wear depth could be estimated
+    claims: str = "lines"  # one of CLAIMS: what of a window the effect explains
     slices: int = 1  # across the face that it needs, whatever its size
     shaft_line: ShaftLine | None = None  # for the detector of shaft forces
     fitted: tuple[FittedNumber, ...] = ()  # for the mesh search; from the parameters' priors where none are given
@@ -110,6 +112,7 @@ class Facts:
             ("acts_on", self.acts_on, ACTS_ON),
             ("detector", self.detector, DETECTORS),
             ("alarm_class", self.alarm_class, ALARM_CLASSES),
+            ("claims", self.claims, CLAIMS),
         ):
             if value not in known:
                 raise ValueError(f"{name} = {value!r} must be one of {', '.join(map(repr, known))}")
@@ -118,6 +121,11 @@ class Facts:
         for change in self.ended_by:
             if change not in CHANGES:
                 raise ValueError(f"ended_by = {change!r} must be one of {', '.join(map(repr, CHANGES))}")
+
+    @property
+    def is_torque(self) -> bool:
+        """Whether the effect is itself a torque on a shaft."""
+        return self.shaft_line is not None and self.shaft_line.channel == "torque"
 
 
 def numbers_from_priors(parameters: Iterable[Parameter]) -> tuple[FittedNumber, ...]:

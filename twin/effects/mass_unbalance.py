@@ -33,7 +33,7 @@ class MassUnbalanceDetection(DetectionThresholds):
     largest_size: float = deciding(
         0.352,
         of="rated mesh force over squared speed",
-        meaning="unbalance that the model is given at most; the one reported is as measured",
+        meaning="largest unbalance that is possible; the model is given no more",
         source="0.05 kg·m on the reference rig: a centrifugal force of a third of the mesh force; not derived",
     )
 
@@ -48,8 +48,8 @@ class MassUnbalance:
     gear_heavy_point: float = 0.0  # φ2 [rad]
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(name="pinion", unit="kg·m", low=0.0, high=5.0, prior=1e-4),
-        Parameter(name="gear", unit="kg·m", low=0.0, high=5.0, prior=1e-4),
+        Parameter(name="pinion", unit="kg·m", low=0.0, high=5.0, prior=1e-4, phase="pinion_heavy_point"),
+        Parameter(name="gear", unit="kg·m", low=0.0, high=5.0, prior=1e-4, phase="gear_heavy_point"),
         Parameter(name="pinion_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
         Parameter(name="gear_heavy_point", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )

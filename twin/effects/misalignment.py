@@ -50,6 +50,12 @@ class MisalignmentDetection(DetectionThresholds):
         meaning="lead gap from which misalignment is reported: 8 µm",
         source="ISO 1328-1:2013, class 6: helix slope deviation of gears of the reference rig's size",
     )
+    largest_size: float = deciding(
+        1.0,
+        of="backlash",
+        meaning="largest lead gap that is possible; the model is given no more",
+        source="derivation: a wider gap brings the back flanks of the other end of the face into contact",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

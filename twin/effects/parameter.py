@@ -20,6 +20,7 @@ class Parameter:
     prior: float  # spread about the neutral value before any measurement; of an angle its whole range
     neutral: float = 0.0  # where the effect vanishes, whatever the others are, unless `shape`
     shape: bool = False  # only shapes the effect: no value of it makes the effect vanish
+    phase: str = ""  # parameter that holds its phase, where it is an amplitude with a free one
     teeth: int | None = None  # 0 one value a pinion tooth, 1 one a gear tooth, None not by tooth
     several: bool = False  # whether it has several values that belong to no teeth
 

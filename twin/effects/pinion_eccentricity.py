@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from twin.effects.eccentricity import Eccentricity
+from twin.effects.eccentricity import Eccentricity, EccentricityDetection
 from twin.effects.facts import Facts
 from twin.effects.signature import Signature
 
@@ -36,6 +36,7 @@ class PinionEccentricity(Eccentricity):
         acts_on="shaft",
         periods=("pinion",),
         detector="eccentricity",
+        detection=EccentricityDetection(),
         ended_by=("gears_replaced", "reassembled"),
         changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py
     )

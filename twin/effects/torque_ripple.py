@@ -36,7 +36,7 @@ class TorqueRipple:
     phase: float = 0.0  # φ [rad]
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(name="amplitude", unit="N·m", low=0.0, high=1e5, prior=1.0),
+        Parameter(name="amplitude", unit="N·m", low=0.0, high=1e5, prior=1.0, phase="phase"),
         Parameter(name="order", unit="", low=0.02, high=100.0, prior=10.0, shape=True),
         Parameter(name="phase", unit="rad", low=-4 * pi, high=4 * pi, prior=2 * pi, shape=True),
     )

@@ -28,6 +28,8 @@ class AttributedEffect:
     detail: str = ""
     numbers: tuple[float, ...] = ()  # of an effect on the mesh: as fitted, in units of the priors
     onset_std: float | None = None  # [revolutions]; None where it was there from the start
+    chance: float | None = None  # of so large a size without the effect; None: as its standard deviations say
+    fitted: tuple[int, ...] = ()  # indices of the windows that its numbers were fitted to
     change_std: tuple[float, float] | None = None  # of the second change: its revolutions, and its factor
 
     @classmethod
@@ -60,6 +62,8 @@ class AttributedEffect:
             "detail": self.detail,
             "numbers": list(self.numbers),
             "onset_std": self.onset_std,
+            "chance": self.chance,
+            "fitted": list(self.fitted),
             "change_std": None if self.change_std is None else list(self.change_std),
         }
 
@@ -75,5 +79,7 @@ class AttributedEffect:
             detail=data["detail"],
             numbers=tuple(data["numbers"]),
             onset_std=data.get("onset_std"),
+            chance=data.get("chance"),
+            fitted=tuple(data.get("fitted", ())),
             change_std=None if data.get("change_std") is None else tuple(data["change_std"]),
         )

@@ -8,7 +8,6 @@ after each effect. When a trace is made, and with which windows: schedule.py. Wh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from twin.assessment import EffectEvent
@@ -20,6 +19,7 @@ from twin.tracing.attribution import AttributedEffect
 from twin.tracing.change_detection import change_indicators, is_new, widened
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors import non_gear
+from twin.tracing.earned import asked_again, refusal_of, refused, with_errors
 from twin.tracing.joining import STAYING, LoopResult, joined, same_effect, unattributed_lines, with_found
 from twin.tracing.log import changes, decision_event, logged
 from twin.tracing.remounts import trace_over_remounts
@@ -82,14 +82,21 @@ def attribute_non_gear_content(
     found: tuple[AttributedEffect, ...] = ()
     if content.defect is not None and "bearing_defect" not in tracing.rejected:
         found = (non_gear.attributed(content.defect),)
-    found = _with_known(found, {f.name: f for f in tracing.found})
+    found = _with_known(found, tracing, tuple(w.index for w in tracing.history))
     names = {f.name for f in tracing.found}
+    asked = tuple(f for f in found if f.name in names or asked_again(rig, tracing, f))
+    judged = with_errors(rig, replace(tracing, found=asked))
+    gone = {item.name: refusal_of(judged, item, reason) for item, reason in refused(judged)}
+    refuted = {name: r for name, r in tracing.refuted.items() if name not in {f.name for f in asked}} | gone
+    found = tuple(f for f in asked if f.name not in gone)
     events = tuple(
         e for e in changes(tracing, tracing.found, found) if e.name not in names or e.action == "dropped"
     )  # fmt: skip
     tracing = replace(
         tracing,
         found=found,
+        refuted=refuted,
+        errors=tuple(e for f, e in zip(judged.found, judged.errors, strict=True) if f.name not in gone),
         unattributed=unattributed_lines(tracing, content),
         unknown=content.sentence(),
         latest=replace(tracing.latest, reason=NON_GEAR_ONLY),
@@ -98,9 +105,13 @@ def attribute_non_gear_content(
 
 
 def _with_known(
-    found: tuple[AttributedEffect, ...], known: Mapping[str, AttributedEffect]
+    found: tuple[AttributedEffect, ...], tracing: Tracing, fitted: tuple[int, ...]
 ) -> tuple[AttributedEffect, ...]:
-    return tuple(known[f.name] if f.name in known and same_effect(known[f.name], f) else f for f in found)
+    """What was found, with the numbers of before where it is the same; else with the windows that they rest on."""
+    known = {f.name: f for f in tracing.found}
+    return tuple(
+        known[f.name] if f.name in known and same_effect(known[f.name], f) else replace(f, fitted=fitted) for f in found
+    )
 
 
 def decide(

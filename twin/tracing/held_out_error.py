@@ -11,11 +11,13 @@ effect is judged on the windows that both twins can predict; a window that one o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
-from twin.assessment import HeldOutBand, HeldOutErrors, HeldOutLine, HeldOutResidual
+from twin.assessment import HealthyErrors, HeldOutBand, HeldOutErrors, HeldOutLine, HeldOutResidual
 from twin.effects.addition import Addition
 from twin.effects.kept import RESPONSES
 from twin.effects.response import Effect, ResponseLines, solve_with
@@ -23,16 +25,20 @@ from twin.errors import NotAvailable, NotConverged
 from twin.features.window_features import MeasuredLines
 from twin.model import Condition, Model
 from twin.rig import Rig
+from twin.tracing.healthy_lines import LIMITS, HealthyLines, LearnedFactors, largest_healthy
 from twin.updating.conditions import condition_of
 from twin.updating.history import WindowInput
-from twin.updating.memory import Line, Memory
+from twin.updating.memory import Memory
 from twin.updating.model_cache import healthy_model_of, profile_of
-from twin.updating.prediction import MESH, PATH
 from twin.wear.profile import WornProfile
 
 HARMONICS = 5  # of the mesh, reported by band
 BAND = 2  # shaft orders beside a mesh harmonic
 STRONGEST = 40
+
+
+ENCODERS = ("transmission_error", "pinion_motion")
+LINE_ARRAYS = ("orders", "measured", "predicted", "std", "variance")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -43,27 +49,11 @@ class ChannelComparison:
     measured: np.ndarray
     predicted: np.ndarray
     std: np.ndarray  # of noise, per real and imaginary part
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HeldOutComparison:
-    """One window's lines, measured and predicted, (n,) each."""
-
-    index: int
-    speed_hz: float
-    orders: np.ndarray
-    measured: np.ndarray  # [m/s²]
-    predicted: np.ndarray
-    std: np.ndarray
-    rms_measured: float | None
-    rms_predicted: float
-    error_left: float  # energies of the transmission error's lines, or of the pinion's motion where it alone has an
-    # encoder [m²]
-    error_measured: float
-    channels: Mapping[str, ChannelComparison] = field(default_factory=dict)  # by name, whatever has been measured
+    variance: np.ndarray  # of a healthy machine's line about its prediction (healthy_lines.py)
 
     @property
     def left(self) -> float:
+        """Energy of what the prediction leaves."""
         return float(np.sum(np.abs(self.measured - self.predicted) ** 2))
 
     @property
@@ -71,23 +61,40 @@ class HeldOutComparison:
         return float(np.sum(np.abs(self.measured) ** 2))
 
     @property
-    def noise(self) -> float:
-        return float(np.sum(2 * self.std**2))
+    def error(self) -> float:
+        """‖measured − predicted‖/‖measured‖."""
+        return float(np.sqrt(self.left / self.energy)) if self.energy > 0 else 0.0
 
+    def chosen(self, use: np.ndarray) -> ChannelComparison:
+        """Those lines alone; use (n,) bool."""
+        return ChannelComparison(**{name: getattr(self, name)[use] for name in LINE_ARRAYS})
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LearnedFactors:
-    """Factors of path and mesh as the windows that were fitted taught them."""
-
-    path: tuple[Line, ...]
-    mesh: tuple[Line, ...]
-
-    @classmethod
-    def of(cls, memory: Memory, held_out: set[int]) -> LearnedFactors:
-        return cls(
-            path=tuple(line for line in memory.path if int(line[0]) not in held_out),
-            mesh=tuple(line for line in memory.mesh if int(line[0]) not in held_out),
+    def extended(self, orders: Any, measured: Any, predicted: Any, std: Any) -> ChannelComparison:
+        """With more lines, of which nothing but their noise is known to scatter; (m,) each."""
+        added = (np.asarray(x) for x in (orders, measured, predicted, std, 2 * np.square(std)))
+        return ChannelComparison(
+            **{name: np.concatenate((getattr(self, name), more)) for name, more in zip(LINE_ARRAYS, added, strict=True)}
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HeldOutComparison:
+    """One window, measured and predicted, by channel."""
+
+    index: int
+    speed_hz: float
+    channels: Mapping[str, ChannelComparison]  # by name, whatever has been measured; the acceleration always
+    rms_measured: float | None  # of the acceleration in the rig's band [m/s²]
+    rms_predicted: float
+
+    @property
+    def acceleration(self) -> ChannelComparison:
+        return self.channels["acceleration"]
+
+    @property
+    def encoder(self) -> ChannelComparison | None:
+        """The transmission error, or the pinion's motion where it alone has an encoder."""
+        return next((self.channels[name] for name in ENCODERS if name in self.channels), None)
 
 
 def compare(
@@ -110,41 +117,30 @@ def compare(
         raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz with {len(effects)} effects")
     per_turn = memory.phase / rig.teeth[0]
     alone = _of_mesh(model, effects, profile.slices, condition, response)
-    orders, y, std, m = _lines(features.acceleration, response, alone, "acceleration", per_turn)
-    f = np.maximum(orders * condition.speed_hz, 1.0)
-    m = m * PATH.predict(learned.path, f, window.index)[0] * MESH.predict(learned.mesh, f, window.index)[0]
+    healthy = HealthyLines.of(rig)
     top = min(rig.band[1], np.inf if features.band is None else features.band[1])
-    inside = orders * condition.speed_hz <= top
-    band = rig.band
-    in_band = (orders * condition.speed_hz >= band[0]) & (orders * condition.speed_hz <= band[1])
-    channels = {
-        "acceleration": ChannelComparison(
-            orders=orders[inside], measured=y[inside], predicted=m[inside], std=std[inside]
-        )
-    }
-    if features.torque is not None:
-        at, t, torque_std, predicted = _lines(features.torque, response, alone, "torque", per_turn)
-        channels["torque"] = ChannelComparison(orders=at, measured=t, predicted=predicted, std=torque_std)
-    left = measured = 0.0
-    encoder = "transmission_error" if features.transmission_error is not None else "pinion_motion"
-    seen = getattr(features, encoder)
-    if seen is not None and seen.unit == "m":
-        at, e, error_std, predicted = _lines(seen, response, alone, encoder, per_turn)
-        predicted = predicted * MESH.predict(learned.mesh, at * condition.speed_hz, window.index)[0]
-        channels[encoder] = ChannelComparison(orders=at, measured=e, predicted=predicted, std=error_std)
-        left, measured = float(np.sum(np.abs(e - predicted) ** 2)), float(np.sum(np.abs(e) ** 2))
+    channels = {}
+    for name in ("acceleration", "torque", *ENCODERS):
+        lines = getattr(features, name)
+        if lines is None or (name in ENCODERS and (lines.unit != "m" or any(e in channels for e in ENCODERS))):
+            continue
+        orders, y, std, m = _lines(lines, response, alone, name, per_turn)
+        ρ, t = learned.at(np.maximum(orders * condition.speed_hz, 1.0), window.index)
+        m = m * ({"acceleration": ρ * t, "torque": 1.0}.get(name, t))
+        inside = orders * condition.speed_hz <= (top if name == "acceleration" else np.inf)
+        orders, y, std, m = orders[inside], y[inside], std[inside], m[inside]
+        v = healthy.variance(name, orders, condition.speed_hz, m, std, depth, learned, window.index)
+        channels[name] = ChannelComparison(orders=orders, measured=y, predicted=m, std=std, variance=v)
+    heard = channels["acceleration"]
+    in_band = heard.orders * condition.speed_hz >= rig.band[0]
     return HeldOutComparison(
         index=window.index,
         speed_hz=condition.speed_hz,
-        orders=orders[inside],
-        measured=y[inside],
-        predicted=m[inside],
-        std=std[inside],
-        rms_measured=features.rms,
-        rms_predicted=float(np.hypot(np.sqrt(0.5 * np.sum(np.abs(m[in_band]) ** 2)), features.noise_rms or 0.0)),
-        error_left=left,
-        error_measured=measured,
         channels=channels,
+        rms_measured=features.rms,
+        rms_predicted=float(
+            np.hypot(np.sqrt(0.5 * np.sum(np.abs(heard.predicted[in_band]) ** 2)), features.noise_rms or 0.0)
+        ),
     )
 
 
@@ -195,46 +191,69 @@ def _lines(
 
 
 def errors_of(windows: Sequence[HeldOutComparison], note: str = "") -> HeldOutErrors:
-    """Errors of the level and of the waveform over windows; None where there are none."""
+    """Errors over windows, with those that a healthy machine has at most; None where there are none."""
     if not windows:
         return HeldOutErrors(note=note)
-    energy = sum(w.energy for w in windows)
+    heard, seen = [w.acceleration for w in windows], [w.encoder for w in windows if w.encoder is not None]
     levels = [w.rms_predicted / w.rms_measured - 1 for w in windows if w.rms_measured]
-    error = sum(w.error_measured for w in windows)
+    energy = sum(lines.energy for lines in heard)
     return HeldOutErrors(
         rms=float(np.sqrt(np.mean(np.square(levels)))) if levels else None,
-        waveform=float(np.sqrt(sum(w.left for w in windows) / energy)),
-        noise=float(np.sqrt(sum(w.noise for w in windows) / energy)),
-        transmission_error=float(np.sqrt(sum(w.error_left for w in windows) / error)) if error > 0 else None,
+        waveform=_over(heard),
+        noise=float(np.sqrt(sum(float(np.sum(2 * lines.std**2)) for lines in heard) / energy)) if energy > 0 else None,
+        transmission_error=_over(seen),
         windows=tuple(w.index for w in windows),
         note=note,
+        healthy=HealthyErrors(rms=_healthy_level(windows), waveform=_healthy(heard), transmission_error=_healthy(seen)),
     )
+
+
+def _over(lines: Sequence[ChannelComparison]) -> float | None:
+    """The relative error of one channel over several windows."""
+    energy = sum(c.energy for c in lines)
+    return float(np.sqrt(sum(c.left for c in lines) / energy)) if energy > 0 else None
+
+
+def _healthy(lines: Sequence[ChannelComparison]) -> float | None:
+    """The relative error that a healthy machine has at most in one channel."""
+    energy = sum(c.energy for c in lines)
+    return float(np.sqrt(largest_healthy([c.variance for c in lines]) / energy)) if energy > 0 else None
+
+
+def _healthy_level(windows: Sequence[HeldOutComparison]) -> float | None:
+    """The relative error of the level that a healthy machine has at most: of lines that are each off by themselves."""
+    off = []
+    for w in windows:
+        c = w.acceleration
+        if w.rms_predicted > 0:
+            off.append(0.5 * np.sqrt(np.sum(np.abs(c.predicted) ** 2 * c.variance / 2)) / w.rms_predicted**2)
+    return None if not off else float(norm.isf(0.5 * (1 - LIMITS.quantile)) * np.sqrt(np.mean(np.square(off))))
 
 
 def residual_by_band_and_order(before: HeldOutComparison, after: HeldOutComparison, teeth: int) -> HeldOutResidual:
     """The residual of one window before and after: by mesh harmonic and by line, the strongest first."""
-    bands = []
+    one, other, bands = before.acceleration, after.acceleration, []
     for k in range(1, HARMONICS + 1):
-        near = np.abs(before.orders - k * teeth) <= BAND + 1e-9
+        near = np.abs(one.orders - k * teeth) <= BAND + 1e-9
         bands.append(
             HeldOutBand(
                 harmonic=k,
                 frequency=float(k * teeth * before.speed_hz),
-                measured=_rms(before.measured[near]),
-                before=_rms(before.predicted[near]),
-                after=_rms(after.predicted[near]),
-                residual_before=_rms((before.measured - before.predicted)[near]),
-                residual_after=_rms((after.measured - after.predicted)[near]),
+                measured=_rms(one.measured[near]),
+                before=_rms(one.predicted[near]),
+                after=_rms(other.predicted[near]),
+                residual_before=_rms((one.measured - one.predicted)[near]),
+                residual_after=_rms((other.measured - other.predicted)[near]),
             )
         )
-    size = np.maximum(np.abs(before.measured), np.abs(before.measured - before.predicted))
+    size = np.maximum(np.abs(one.measured), np.abs(one.measured - one.predicted))
     lines = [
         HeldOutLine(
-            order=float(before.orders[i]),
-            frequency=float(before.orders[i] * before.speed_hz),
-            measured=float(abs(before.measured[i])),
-            before=float(abs(before.measured[i] - before.predicted[i])),
-            after=float(abs(after.measured[i] - after.predicted[i])),
+            order=float(one.orders[i]),
+            frequency=float(one.orders[i] * before.speed_hz),
+            measured=float(abs(one.measured[i])),
+            before=float(abs(one.measured[i] - one.predicted[i])),
+            after=float(abs(other.measured[i] - other.predicted[i])),
         )
         for i in np.argsort(-size)[:STRONGEST]
     ]

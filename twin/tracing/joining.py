@@ -10,13 +10,14 @@ from twin.assessment import EffectEvent, SpectralLine
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
-from twin.tracing.confirmation import not_confirmed, refuted_before, refuted_numbers, with_errors
-from twin.tracing.effect_order import falling_order
+from twin.tracing.earned import asked_again, implausible, refusal_of, refused, with_errors
 from twin.tracing.findings import NonGearContent
 from twin.tracing.log import changes, logged
+from twin.tracing.mesh_fits import ALIKE, MeshSearchThresholds
 from twin.tracing.stages import Replayed, with_effects
 from twin.tracing.state import TraceSummary, Tracing, relevant
 from twin.tracing.trace import Traced
+from twin.updating.conditions import kind_of
 from twin.updating.history import UpdateOptions
 from twin.updating.update import UpdateOutcome
 
@@ -47,15 +48,6 @@ class JoiningLimits:
         meaning="change of a parameter that is worth replaying the history",
         source="not derived: chosen",
     )
-    judged_again: float = deciding(
-        100.0,
-        unit="nat",
-        meaning="log likelihood ratio of held-out windows from which an effect that raises the whole error is left out "
-        "only until there are more",
-        source="not derived: chosen as in pruning, beyond any doubt of its lines; tuned on the wide evaluation's first "
-        "draw: a misalignment next to pitch errors has 1000 nat and raises the error of one held-out window; with "
-        "two it halves the error",
-    )
 
 
 JOINING_LIMITS = JoiningLimits()
@@ -72,39 +64,34 @@ class LoopResult:
 
 
 def joined(rig: Rig, tracing: Tracing, traced: Traced, outcome: UpdateOutcome, options: UpdateOptions) -> LoopResult:
-    """The twin with what a trace has found, less what held-out windows speak against."""
-    old = {f.name: f for f in tracing.found}
-    new = [f for f in _candidates(tracing, traced) if not refuted_before(f, tracing.refuted)]
-    tracing = _summarised(tracing, traced)
-    if _same_effects(new, tracing):
-        changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=tuple(new))), outcome=outcome)
-    else:
-        changed = with_found(rig, tracing, tuple(new), outcome, options)
-    while doubted := not_confirmed(changed.tracing, old):
-        tracing = replace(tracing, refuted={**tracing.refuted, **_refuted(changed.tracing, doubted)})
-        rest = tuple(f for f in changed.tracing.found if f not in doubted)
-        if _same_effects(rest, tracing):
-            changed = LoopResult(tracing=with_errors(rig, replace(tracing, found=rest)), outcome=outcome)
+    """The twin with the effects of a trace that have earned their place (earned.py)."""
+    old, refuted = {f.name: f for f in tracing.found}, {}
+    new: list[AttributedEffect] = []
+    for item in _candidates(rig, tracing, traced):
+        reason = None if item.name in tracing.fixed else implausible(rig, item)
+        if reason is not None:
+            refuted[item.name] = refusal_of(tracing, item, reason)
+        elif item.name in old or asked_again(rig, tracing, item):
+            new.append(item)
         else:
-            changed = with_found(rig, tracing, rest, outcome, options)
-    order = falling_order(rig, changed.tracing, old)
-    if order != changed.tracing.found:
-        changed = with_found(rig, tracing, order, outcome, options)
-    confirmed = {f.name for f in changed.tracing.found}
-    refuted = {name: numbers for name, numbers in changed.tracing.refuted.items() if numbers or name not in confirmed}
-    return replace(changed, tracing=replace(changed.tracing, refuted=refuted))
+            refuted[item.name] = tracing.refuted[item.name]
+    tracing = replace(_summarised(tracing, traced), refuted=refuted)
+    changed = _with(rig, tracing, tuple(new), outcome, options)
+    while doubted := refused(changed.tracing):
+        refuted = refuted | {item.name: refusal_of(changed.tracing, item, reason) for item, reason in doubted}
+        tracing = replace(tracing, refuted=refuted)
+        rest = tuple(f for f in changed.tracing.found if all(f is not item for item, _ in doubted))
+        changed = _with(rig, tracing, rest, outcome, options)
+    return changed
 
 
-def _refuted(
-    tracing: Tracing, doubted: list[AttributedEffect], limits: JoiningLimits = JOINING_LIMITS
-) -> dict[str, tuple[float, ...]]:
-    """What is remembered of the effects that held-out windows speak against: by name, its fitted numbers and its onset.
-
-    No numbers, so that it is judged again, where its own lines speak for it beyond doubt: the error of a few windows as
-    a whole is that of a few large lines.
-    """
-    gains = {f.name: errors.gain for f, errors in zip(tracing.found, tracing.errors, strict=False)}
-    return {f.name: () if (gains.get(f.name) or 0.0) > limits.judged_again else refuted_numbers(f) for f in doubted}
+def _with(
+    rig: Rig, tracing: Tracing, found: tuple[AttributedEffect, ...], outcome: UpdateOutcome, options: UpdateOptions
+) -> LoopResult:
+    """The twin with these effects; the history is replayed only where they are others."""
+    if [f.addition for f in found] == [f.addition for f in tracing.found]:
+        return LoopResult(tracing=with_errors(rig, replace(tracing, found=found)), outcome=outcome)
+    return with_found(rig, tracing, found, outcome, options)
 
 
 def with_found(
@@ -127,19 +114,41 @@ def with_found(
     return LoopResult(tracing=with_errors(rig, tracing), outcome=outcome, again=again, events=events)
 
 
-def _candidates(tracing: Tracing, traced: Traced) -> list[AttributedEffect]:
-    """What the trace has found, where it is the same as before with the numbers of before; in the order found."""
+def _candidates(rig: Rig, tracing: Tracing, traced: Traced) -> list[AttributedEffect]:
+    """What the trace has found, where it is the same as before with the numbers of before; in the order found.
+
+    Whatever speaks as well for a rival as for it, is indistinguishable from it.
+    """
     old = {f.name: f for f in tracing.found}
+    measured = tuple(w.index for w in tracing.history if kind_of(w.features, rig) == "measurement")
     new: list[AttributedEffect] = []
     for item in traced.found:
         known = old.get(item.name)
         if known is not None and (tracing.decisions.get(item.name) == "pinned" or same_effect(known, item)):
-            item = replace(known, log_evidence=item.log_evidence, alike=item.alike, detail=item.detail)
-        new.append(item)
+            item = replace(
+                known,
+                log_evidence=item.log_evidence,
+                runner_up=item.runner_up,
+                over_runner_up=item.over_runner_up,
+                alike=item.alike,
+                detail=item.detail,
+            )
+        else:
+            by_all = item.addition.effect.facts.claims == "envelope"
+            item = replace(item, fitted=measured if by_all else traced.fitted)
+        new.append(with_rivals(item))
     names = {f.name for f in new}
     new += [f for f in tracing.found if f.name not in names and tracing.decisions.get(f.name) in STAYING]
     rank = {name: i for i, name in enumerate(old)}
     return sorted(new, key=lambda f: rank.get(f.name, len(rank)))
+
+
+def with_rivals(item: AttributedEffect, limits: MeshSearchThresholds = ALIKE) -> AttributedEffect:
+    """The effect with its runner-up among what it cannot be told from, where it has hardly more evidence."""
+    behind, runner_up = item.over_runner_up, item.runner_up
+    if runner_up is None or behind is None or behind > limits.indistinguishable_within or runner_up in item.alike:
+        return item
+    return replace(item, alike=tuple(sorted((*item.alike, runner_up))))
 
 
 def _summarised(tracing: Tracing, traced: Traced) -> Tracing:
@@ -163,10 +172,6 @@ def _summarised(tracing: Tracing, traced: Traced) -> Tracing:
 
 def _number(value: float | None) -> float | None:
     return None if value is None else float(value)
-
-
-def _same_effects(found: list[AttributedEffect] | tuple[AttributedEffect, ...], tracing: Tracing) -> bool:
-    return [f.addition for f in found] == [f.addition for f in tracing.found]
 
 
 def same_effect(old: AttributedEffect, new: AttributedEffect, limits: JoiningLimits = JOINING_LIMITS) -> bool:

@@ -4,7 +4,7 @@
 
 y     measured line of a channel
 m     predicted without the effect (a) or with it (b), all other effects in the twin both times
-v(b)  what the line of a healthy machine scatters by (twin/tracing/held_out_gain.py)
+v(b)  what the line of a healthy machine scatters by (twin/tracing/healthy_lines.py)
 
 Torque lines below the bandwidth of a motor's speed control, which no rig file describes, are claimed only by what is a
 torque itself: the control decides what torque a displacement of the teeth makes there.
@@ -14,16 +14,14 @@ holds what the structure of the twin misses; beside it, an effect of a few weak 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.assessment import MovedLines
-from twin.scales import Scales
 from twin.thresholds import deciding
-from twin.tracing.held_out_error import HeldOutComparison
-from twin.tracing.held_out_gain import SCATTER, HeldOutScatter, variance_of
+from twin.tracing.held_out_error import ChannelComparison, HeldOutComparison
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,27 +48,22 @@ MOVED_LINE_LIMITS = MovedLineLimits()
 
 
 def moved_lines(
-    windows: Iterable[tuple[HeldOutComparison, HeldOutComparison]],
-    shaft_orders: tuple[float, float],
-    scales: Scales,
+    windows: Sequence[tuple[HeldOutComparison, HeldOutComparison]],
     is_torque: bool = False,
-    scatter: HeldOutScatter = SCATTER,
     limits: MovedLineLimits = MOVED_LINE_LIMITS,
 ) -> tuple[MovedLines, ...]:
     """Of every channel in which the effect moves lines: how many, and their error without and with it.
 
-    windows       each as the twin without and with the effect predicts it
-    shaft_orders  of pinion and gear
-    is_torque     whether the effect is a torque on a shaft
+    windows    each as the twin without and with the effect predicts it
+    is_torque  whether the effect is a torque on a shaft
     """
     sums: dict[str, np.ndarray] = {}  # by channel: lines, energies measured, left without and left with the effect
     for without, present in windows:
         for name, before in without.channels.items():
             after = present.channels[name]
             moved = np.abs(after.predicted - before.predicted) ** 2
-            own = moved > limits.least_move**2 * variance_of(name, after, shaft_orders, scales, scatter)
-            if name == "torque" and not is_torque:
-                own &= after.orders * present.speed_hz > limits.speed_control
+            own = counted_lines(name, after, present.speed_hz, is_torque)
+            own &= moved > limits.least_move**2 * after.variance
             energies = [
                 float(np.sum(np.abs(lines[own]) ** 2))
                 for lines in (before.measured, before.measured - before.predicted, after.measured - after.predicted)
@@ -86,3 +79,16 @@ def moved_lines(
         for name, (count, measured, before, after) in sums.items()
         if count and measured > 0
     )
+
+
+def counted_lines(
+    channel: str,
+    lines: ChannelComparison,
+    speed_hz: float,
+    is_torque: bool,
+    limits: MovedLineLimits = MOVED_LINE_LIMITS,
+) -> np.ndarray:
+    """Which lines of a channel (n,) an effect can be judged by; bool."""
+    if channel == "torque" and not is_torque:
+        return lines.orders * speed_hz > limits.speed_control
+    return np.ones(lines.orders.size, dtype=bool)

@@ -73,13 +73,38 @@ class TraceSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelChange:
+    """The error of one channel on held-out windows without an effect and with it."""
+
+    channel: str
+    before: float  # relative error without it, over the windows
+    after: float
+    fall: float  # mean over the windows of the error without it less that with it
+    std: float  # its standard error, paired; 0 of a single window
+    healthy: float  # that a healthy machine has at most; 0 where nothing is known of it
+    claimed: bool  # whether the effect moves lines of the channel beyond their scatter
+    windows: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """Why an effect was refused, and by which windows."""
+
+    reason: str
+    windows: tuple[int, ...] = ()  # indices of the held-out windows that judged it; none where its size did
+    onset: float = 0.0  # of the effect as it was refused [revolutions]
+    measured: int = 0  # measurement windows until then
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EffectErrors:
-    """Errors on held-out windows of the twin without one effect and with it, on the same windows."""
+    """Errors on held-out windows of the twin in use without one effect and with it, on the same windows."""
 
     before: HeldOutErrors
     after: HeldOutErrors
-    gain: float | None = None  # log likelihood ratio of the twin in use over that without this effect alone [nat]
     moved: tuple[MovedLines, ...] = ()  # the same comparison, by channel, on the lines that the effect moves
+    changes: tuple[ChannelChange, ...] = ()  # the same comparison, window by window
+    windows: tuple[int, ...] = ()  # that judge the effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +124,7 @@ class Tracing:
     found: tuple[AttributedEffect, ...] = ()  # what is in the twin, in the order found
     stages: tuple[TwinStage, ...] = ()  # with 0, 1, … of the effects that change a depth; the last is in use
     decisions: Mapping[str, str] = field(default_factory=dict)  # name → accepted, rejected or pinned
-    refuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # name → its numbers and onset
+    refuted: Mapping[str, Refusal] = field(default_factory=dict)  # by the name of the effect
     errors: tuple[EffectErrors, ...] = ()  # one for each of `found`
     error: HeldOutErrors | None = None  # of the twin in use
     residual: HeldOutResidual | None = None  # of one held-out window
@@ -152,6 +177,9 @@ class Tracing:
     def from_dict(cls, data: Mapping[str, Any]) -> Tracing:
         if not data:
             return cls()
+        fitted = data.get("latest", {}).get("fitted", ())  # of effects that earlier versions stored without their own
+        refuted = {name: r for name, r in data.get("refuted", {}).items() if isinstance(r, Mapping)}
+        data = {**data, "refuted": refuted, "found": [{"fitted": fitted, **f} for f in data["found"]]}
         return cls(
             history=tuple(WindowInput.from_dict(t) for t in data["history"]),
             start=None if data.get("start") is None else Memory.from_dict(data["start"]),
@@ -171,7 +199,7 @@ class Tracing:
 
 
 _TYPED: dict[str, Any] = {
-    "refuted": Mapping[str, tuple[float, ...]],
+    "refuted": Mapping[str, Refusal],
     "errors": tuple[EffectErrors, ...],
     "error": HeldOutErrors | None,
     "residual": HeldOutResidual | None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from twin.assessment import Attribution, DepthPair, EffectAssessment, HeldOutErrors
 from twin.rig import Rig
 from twin.structure_spread import DRAWN, is_estimated
+from twin.tracing.earned import explained_share, judged
 from twin.tracing.growth import growth_of
 from twin.tracing.log import evidence_of
 from twin.tracing.state import EffectErrors, Tracing, TwinStage, parameters_of, relevant
@@ -20,7 +21,8 @@ def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
     for i, item in enumerate(tracing.found):
         without, present = (_stage(tracing, n) for n in (i, i + 1))
         errors = tracing.errors[i] if i < len(tracing.errors) else NOT_COMPARED
-        status = tracing.decisions.get(item.name, "found")
+        verdict = judged(item, errors)
+        status = tracing.decisions.get(item.name) or ("found" if verdict.kind == "earned" else "suspected")
         out.append(
             EffectAssessment(
                 name=item.name,
@@ -37,24 +39,26 @@ def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
                 onset_revolutions=item.addition.onset_revolutions,
                 onset_std=item.onset_std,
                 growth=growth_of(item, latest),
-                caveats=_caveats(rig, item.addition.effect.facts.detector, status),
+                caveats=_caveats(rig, item.addition.effect.facts.detector, status, verdict.reason),
+                explained=explained_share(errors),
             )
         )
     return tuple(out)
 
 
-def _caveats(rig: Rig, detector: str, status: str) -> tuple[str, ...]:
-    """What of an effect is preliminary: with an estimated structure, the cause may be the structure itself.
+def _caveats(rig: Rig, detector: str, status: str, reason: str) -> tuple[str, ...]:
+    """What of an effect is preliminary: what has not been tested yet, and the cause where the structure is estimated.
 
     What is found by lines of its own, as a bearing defect, does not rest on the structure. An engineer
     who has accepted or pinned the effect has settled its cause.
     """
+    untested = (f"It is suspected: {reason}.",) if status == "suspected" else ()
     if not is_estimated(rig) or detector == OF_OWN_LINES:
-        return ()
-    what = "Cause and size are" if status == "found" else "The size is"
+        return untested
+    what = "Cause and size are" if status in ("found", "suspected") else "The size is"
     *parts, last = (part for part in rig.estimated.parts if part in DRAWN)
     listed = f"{', '.join(parts)} and {last}" if parts else last
-    return (f"{what} preliminary, because the values of the rig file for {listed} are estimates.",)
+    return (*untested, f"{what} preliminary, because the values of the rig file for {listed} are estimates.")
 
 
 def _stage(tracing: Tracing, count: int) -> TwinStage | None:
@@ -79,6 +83,7 @@ def attribution_of(tracing: Tracing) -> Attribution | None:
         held_out=latest.held_out,
         fitted=latest.fitted,
         not_confirmed=tuple(sorted(tracing.refuted)),
+        refused=tuple((name, refusal.reason) for name, refusal in sorted(tracing.refuted.items())),
         rejected=tracing.rejected,
         errors=tracing.error,
         depths=tuple(

@@ -15,8 +15,8 @@ Holds    both encoders; windows that resolve the orders (8 turns and more)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,6 +46,12 @@ class PatternThresholds:
         of="number of teeth",
         meaning="last order that counts: those near the number of teeth are the mesh line's sidebands",
         source="orders 15 and 41 of 19 and 52 teeth; not derived",
+    )
+    healthy_pattern: tuple[float, float] = deciding(
+        (0.2, 0.1375),
+        of="graduation error of the gear's disc",
+        meaning="rms of the pattern of a healthy machine's pinion and gear in its first windows",
+        source="measured: 0.12 and 0.22 µm on healthy campaigns of the reference rig; not verified on another",
     )
     least_lines: int = deciding(5, meaning="orders that all windows must resolve", source="not derived: chosen")
     first_windows: int = deciding(
@@ -78,7 +84,9 @@ class ToothFinding:
     effect: Effect
     onset: float  # revolutions
     log_evidence: float
-    std: float  # of the teeth's displacement [m], or of the stiffness loss
+    std: float  # of the stiffness loss; of the displacement of a tooth [m]
+    rms_std: Mapping[str, float] = field(default_factory=dict)  # of the pitch errors' rms, by gear [m]
+    chance: float | None = None  # of so large pitch errors by the noise of the lines alone
     tooth_std: float = 0.0  # of the cracked tooth's number
     onset_std: float | None = None  # [revolutions]; None where it was there from the start
     law: SizeLaw = CONSTANT  # of a crack

@@ -1,10 +1,13 @@
 """What is left beyond the model and its effects, and whether the twin may call the machine explained.
 
-    share = Σ max(left − noise, 0) / Σ measured                      energies of the lines over the latest windows
+    share = Σ (max(left − noise, 0) + 2·b²)/Σ (measured + 2·b²)      energies over the latest windows
 
-A machine is explained only where the twin predicts windows that took no part in any fit: transmission error and
-acceleration alike within the limit, with nothing that speaks against the calibrated model. Too few windows, a missing
-channel or a doubt give `insufficient_data`; content that no effect of the table makes gives `unknown_effect`.
+b  RMS of the vibration between the lines of the shafts, which nothing in the model makes
+
+A machine is explained only where the twin predicts windows that took no part in any fit: level, acceleration and
+transmission error within what a healthy machine of this rig file has at most there (healthy_lines.py), with nothing
+that speaks against the calibrated model. Beyond it, three held-out windows say `unknown_effect`: the vibration has
+content that no effect of the table makes. Fewer windows, a missing channel or a doubt give `insufficient_data`.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.assessment import HeldOutErrors, SpectralLine, Unexplained
+from twin.assessment import HealthyErrors, HeldOutErrors, SpectralLine, Unexplained
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.state import Tracing
@@ -27,13 +30,6 @@ from twin.updating.update import UpdateOutcome
 class VerdictLimits:
     """What `explained` demands."""
 
-    held_out_error: float = deciding(
-        0.3,
-        meaning="largest waveform error of held-out windows, of transmission error and of acceleration alike, at which "
-        "a machine is explained",
-        source="between observed values of D00-D13: the twins in use leave up to 0.29; without its effect a machine "
-        "leaves 0.34 to 1.5 in six cases of eight (a crack and a sensor gain leave 0.25 and 0.16, and would pass)",
-    )
     left_share: float = deciding(
         0.1,
         of="energy of the measured lines",
@@ -45,9 +41,23 @@ class VerdictLimits:
         meaning="misfit of the encoders' mesh lines (chi-square per line) from which the model is in doubt",
         source="derivation: the lines are then twice as far off as their standard deviation",
     )
+    least_windows: int = deciding(
+        3,
+        unit="windows",
+        meaning="held-out windows from which an error beyond a healthy machine's is content of its own",
+        source="derivation: as for an effect (EarnedLimits.least_windows)",
+    )
+    does_not_fit: float = deciding(
+        1.0,
+        of="measured",
+        meaning="error of the acceleration or of the level on held-out windows from which the model does not fit",
+        source="derivation: predicting nothing at all leaves 1",
+    )
 
 
 VERDICT_LIMITS = VerdictLimits()
+CHANNELS = {"rms": "level", "waveform": "acceleration", "transmission_error": "transmission error"}
+"""What people call the figures of `HeldOutErrors`."""
 
 
 def doubts_of(rig: Rig, outcome: UpdateOutcome, limits: VerdictLimits = VERDICT_LIMITS) -> list[str]:
@@ -72,48 +82,78 @@ def unexplained_of(
 
     errors  of the twin in use on held-out windows; None where there were none
     """
+    healthy = HealthyErrors() if errors is None or errors.healthy is None else errors.healthy
     if not recent or not recent[-1].phase_known:
-        return Unexplained(
-            verdict="insufficient_data",
-            reason="no window with the mesh phase known has been compared yet",
-            limit=limits.held_out_error,
-        )
-    measured = sum(r.measured for r in recent)
-    share = max(0.0, sum(r.left - r.noise for r in recent)) / measured
-    reasons = list(doubts)
+        reason = "no window with the mesh phase known has been compared yet"
+        return Unexplained(verdict="insufficient_data", reason=reason, limits=healthy)
+    measured = sum(r.measured + r.between for r in recent)
+    share = max(0.0, sum(max(r.left - r.noise, 0.0) + r.between for r in recent)) / measured
+    content = _beyond(errors)
     if share >= limits.left_share:
-        reasons.append("the remaining lines have not been attributed to an effect")
-    reasons += _not_confirmed(errors, limits.held_out_error)
-    return Unexplained(
-        verdict="insufficient_data" if reasons else "explained",
-        share=share,
-        lines=recent[-1].lines,
-        reason="; ".join(reasons),
-        limit=limits.held_out_error,
+        content.append(_left(recent, share))
+    enough = errors is not None and len(errors.windows) >= limits.least_windows
+    reasons = [*content, *doubts, *_not_confirmed(errors)]
+    verdict = "unknown_effect" if content and enough else "insufficient_data" if reasons else "explained"
+    return Unexplained(verdict=verdict, share=share, lines=recent[-1].lines, reason="; ".join(reasons), limits=healthy)
+
+
+def _left(recent: Sequence[WindowResidual], share: float) -> str:
+    """What makes the share that is left, in words."""
+    between, whole = sum(r.between for r in recent), sum(r.measured + r.between for r in recent)
+    if between >= 0.5 * share * whole:
+        return f"the vibration between the lines of the shafts is {100 * np.sqrt(between / whole):.0f} % of the level"
+    return f"lines that no effect explains hold {100 * share:.0f} % of the energy"
+
+
+def _not_confirmed(errors: HeldOutErrors | None) -> list[str]:
+    """What is missing for held-out windows to confirm the twin, a sentence each."""
+    if errors is None or not errors.windows:
+        return ["no held-out window has been compared with the twin yet"]
+    return [
+        f"the {what} of held-out windows is not available, so the twin is not confirmed by it"
+        for name, what in CHANNELS.items()
+        if name != "rms" and getattr(errors, name) is None
+    ]
+
+
+def excess(errors: HeldOutErrors | None, channel: str) -> float | None:
+    """A held-out error over the most that a healthy machine has; None where either is not known.
+
+    channel  "rms", "waveform" or "transmission_error"
+    """
+    if errors is None or errors.healthy is None:
+        return None
+    error, most = getattr(errors, channel), getattr(errors.healthy, channel)
+    return None if error is None or not most else float(error / most)
+
+
+def _beyond(errors: HeldOutErrors | None) -> list[str]:
+    """Every figure in which held-out windows lie beyond a healthy machine, a clause each."""
+    return [
+        figure_of(errors, channel)
+        for channel in CHANNELS
+        if errors is not None and (excess(errors, channel) or 0.0) > 1.0
+    ]
+
+
+def figure_of(errors: HeldOutErrors, channel: str, limits: VerdictLimits = VERDICT_LIMITS) -> str:
+    """The error of a channel on held-out windows beside a healthy machine's, as a clause."""
+    error, most = getattr(errors, channel), getattr(errors.healthy, channel)
+    if channel != "transmission_error" and error > limits.does_not_fit:
+        return f"the model does not fit: it misses the {CHANNELS[channel]} of held-out windows by {error:.1f} ×"
+    return (
+        f"the error of the {CHANNELS[channel]} on held-out windows is {100 * error:.0f} %, that of a healthy machine "
+        f"of this rig file {100 * most:.0f} % at most"
     )
 
 
-def _not_confirmed(errors: HeldOutErrors | None, limit: float) -> list[str]:
-    """Why held-out windows do not confirm the twin, a sentence each; none where they do."""
-    if errors is None or not errors.windows:
-        return ["no held-out window has been compared with the twin yet"]
-    return held_out_faults(errors, limit)
-
-
-def held_out_faults(errors: HeldOutErrors, limit: float, missing: bool = True) -> list[str]:
-    """What held-out windows say against the twin, a sentence each.
-
-    missing  whether a channel that was not measured counts as well
-    """
-    out = []
-    for what, error in (("transmission error", errors.transmission_error), ("acceleration", errors.waveform)):
-        if error is None and missing:
-            out.append(f"the {what} of held-out windows is not available, so the twin is not confirmed by it")
-        elif error is not None and error > limit:
-            out.append(
-                f"the error of the {what} on held-out windows is {100 * error:.0f} % (limit {100 * limit:.0f} %)"
-            )
-    return out
+def does_not_fit(errors: HeldOutErrors | None, limits: VerdictLimits = VERDICT_LIMITS) -> str | None:
+    """Why neither a depth by level nor a life is given: the model predicts worse than nothing; None where it fits."""
+    for channel in ("waveform", "rms"):
+        error = None if errors is None else getattr(errors, channel)
+        if errors is not None and errors.healthy is not None and error is not None and error > limits.does_not_fit:
+            return figure_of(errors, channel)
+    return None
 
 
 def with_unknown_content(tracing: Tracing, plain: Unexplained) -> Unexplained:

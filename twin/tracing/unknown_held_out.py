@@ -11,45 +11,20 @@ does, the twin without the effect expects the noise of before.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from twin.assessment import HeldOutErrors
 from twin.effects.addition import Addition
 from twin.effects.unknown_effect import UnknownEffect, transfers
 from twin.features.channel_lines import LineReading
 from twin.model import Condition, Model
 from twin.rig import Rig
-from twin.thresholds import deciding
-from twin.tracing.held_out_error import HeldOutComparison
+from twin.tracing.held_out_error import ENCODERS, HeldOutComparison
 from twin.tracing.unknown_lines import THRESHOLDS as SAME
 from twin.updating.history import WindowInput
 from twin.updating.memory import Line, Memory
 from twin.updating.model_cache import healthy_model_of
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnknownConfirmation:
-    """When held-out windows confirm an unknown effect."""
-
-    least_gain: float = deciding(
-        0.98,
-        of="error without the effect",
-        meaning="error of held-out windows that an unknown effect must reach, of the level, the acceleration or the "
-        "transmission error",
-        source="not derived: chosen; what improves nothing does not stay",
-    )
-    most_growth: float = deciding(
-        1.02,
-        of="error without the effect",
-        meaning="error of the acceleration on held-out windows above which an unknown effect does not stay, "
-        "whatever else it improves",
-        source="not derived: as for effects of the table (ConfirmationLimits.growth)",
-    )
-
-
-THRESHOLDS = UnknownConfirmation()
 
 
 def unknown_in(additions: Iterable[Addition]) -> Addition | None:
@@ -116,8 +91,10 @@ def _of_channel(compared: HeldOutComparison, effect: UnknownEffect, there: bool,
     """With the delay and the polarity of the accelerometer's channel."""
     if not there or (effect.delay == effect.delay_rate == 0 and effect.polarity == 1):
         return compared
-    gain = effect.sensor_gain(compared.orders * compared.speed_hz, start_ns)
-    return replace(compared, predicted=compared.predicted * gain)
+    heard = compared.acceleration
+    gain = effect.sensor_gain(heard.orders * compared.speed_hz, start_ns)
+    heard = replace(heard, predicted=heard.predicted * gain)
+    return replace(compared, channels={**compared.channels, "acceleration": heard})
 
 
 def _with_lines(
@@ -135,24 +112,30 @@ def _with_lines(
         return compared
     sizes = effect.amplitudes(condition, window.features.revolutions or 0.0) * float(there)
     orders, measured, predicted, std = [], [], [], []
-    left, energy = compared.error_left, compared.error_measured
+    seen: list[tuple[float, float, float, float]] = []  # by the encoders: order, measured, predicted, noise
     free = list(() if window.non_gear is None else window.non_gear.readings)
     for f, size, entry, drift in zip(frequencies, sizes, effect.entry, effect.drift, strict=True):
         reading = _nearest(free, f, drift, window)
         at = f if reading is None else reading.frequency
         made = transfers(model, entry, [at])
         heard = size * abs(made["acceleration"][0])
-        seen = 0.0 if reading is None else abs(reading.amplitude("acceleration") or 0.0)
+        shown = 0.0 if reading is None else abs(reading.amplitude("acceleration") or 0.0)
         orders.append(at / condition.speed_hz)
-        measured.append(seen)
+        measured.append(shown)
         predicted.append(heard)
         std.append(0.0 if reading is None or "acceleration" not in reading.channels else reading.noise("acceleration"))
         if reading is not None:
             free.remove(reading)
-            error = abs(reading.amplitude("encoder") or 0.0)
-            left += (error - size * abs(made["encoder"][0])) ** 2
-            energy += error**2
-    return _extended(rig, replace(compared, error_left=left, error_measured=energy), orders, measured, predicted, std)
+            error, noise = reading.amplitude("encoder"), 0.0
+            if error is not None:
+                noise = reading.noise("encoder")
+            moved = size * abs(made["encoder"][0])
+            seen.append((at / condition.speed_hz, abs(error or 0.0), moved, noise))
+    name = next((n for n in ENCODERS if n in compared.channels), None)
+    if name is not None and seen:
+        lines = compared.channels[name].extended(*np.transpose(seen))
+        compared = replace(compared, channels={**compared.channels, name: lines})
+    return _extended(rig, compared, orders, measured, predicted, std)
 
 
 def _with_sidebands(
@@ -163,12 +146,12 @@ def _with_sidebands(
     for r in () if window.non_gear is None else window.non_gear.readings:
         k = max(round(r.order / teeth), 1)
         apart = abs(abs(r.order - k * teeth) * compared.speed_hz - effect.modulation_frequency)
-        at = np.flatnonzero(np.abs(compared.orders - k * teeth) < 1e-6)
+        at = np.flatnonzero(np.abs(compared.acceleration.orders - k * teeth) < 1e-6)
         if apart > SAME.same_place / window.features.duration or at.size == 0 or "acceleration" not in r.channels:
             continue
         orders.append(r.order)
         measured.append(abs(r.amplitude("acceleration") or 0.0))
-        predicted.append(float(there) * effect.modulation / 2 * abs(compared.predicted[at[0]]))
+        predicted.append(float(there) * effect.modulation / 2 * abs(compared.acceleration.predicted[at[0]]))
         std.append(r.noise("acceleration"))
     return _extended(rig, compared, orders, measured, predicted, std)
 
@@ -197,27 +180,9 @@ def _extended(
     f = np.array(orders) * compared.speed_hz
     inside = (f >= low) & (f <= high)
     added = 0.5 * float(np.sum(np.square(np.array(predicted)[inside])))
+    heard = compared.acceleration.extended(orders, measured, predicted, std)
     return replace(
         compared,
-        orders=np.concatenate((compared.orders, orders)),
-        measured=np.concatenate((compared.measured, measured)),
-        predicted=np.concatenate((compared.predicted, predicted)),
-        std=np.concatenate((compared.std, std)),
+        channels={**compared.channels, "acceleration": heard},
         rms_predicted=float(np.sqrt(compared.rms_predicted**2 + added)),
     )
-
-
-def improves(before: HeldOutErrors, after: HeldOutErrors, limits: UnknownConfirmation = THRESHOLDS) -> bool:
-    """Whether held-out windows are predicted better with an unknown effect in level, acceleration or encoders."""
-    pairs = [
-        (a, b)
-        for a, b in (
-            (before.rms, after.rms),
-            (before.waveform, after.waveform),
-            (before.transmission_error, after.transmission_error),
-        )
-        if a is not None and b is not None
-    ]
-    heard = before.waveform, after.waveform
-    worse = heard[0] is not None and heard[1] is not None and heard[1] > limits.most_growth * heard[0]
-    return not worse and any(b < limits.least_gain * a for a, b in pairs)

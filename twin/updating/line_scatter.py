@@ -18,13 +18,14 @@ Ignores  the stiffness of the mesh: a deviation of 3 % moves no line by more tha
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import exp, log, pi, sqrt
 
 import numpy as np
 
-from twin.dynamics.structure import Structure
+from twin.dynamics.structure import Structure, direction, torque_meter
 from twin.model import mesh_of
 from twin.rig import Rig
 from twin.structure_spread import SAMPLES, times
@@ -57,18 +58,52 @@ class _ByText:
 
 @lru_cache(maxsize=256)
 def _scatter(of: _ByText, speed_hz: float, pinion_only: bool) -> np.ndarray:
+    channel = "pinion_motion" if pinion_only else "transmission_error"
+    frequency = of.rig.teeth[0] * speed_hz * np.arange(1, HARMONICS + 1)
+    return _machines(of).scatter(channel, frequency)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DeviatingMachines:
+    """The rig file's structure, and those with one value off by its deviation."""
+
+    own: Structure
+    others: tuple[Structure, ...]
+    seen: Mapping[str, np.ndarray]  # by channel, the direction that it sees (21,)
+    stiffness: float  # of the mesh [N/m]
+
+    def transfer(self, channel: str, frequency: np.ndarray, structure: Structure | None = None) -> np.ndarray:
+        """A channel's line per displacement of the teeth, at frequencies [Hz] (n,) → (n,) complex [unit per m]."""
+        structure, ω = structure or self.own, 2 * pi * np.asarray(frequency, dtype=float)
+        closed = self.stiffness / (1 + self.stiffness * structure.receptance(ω, structure.mesh, structure.mesh))
+        per_motion = -(ω**2) if channel == "acceleration" else 1.0
+        return per_motion * structure.receptance(ω, structure.mesh, self.seen[channel]) * closed
+
+    def scatter(self, channel: str, frequency: np.ndarray) -> np.ndarray:
+        """s_jk of a channel's lines at frequencies [Hz] (n,) → complex (values, n)."""
+        own = self.transfer(channel, frequency)
+        return np.array([np.log(self.transfer(channel, frequency, other) / own) for other in self.others])
+
+
+def deviating_machines(rig: Rig) -> DeviatingMachines:
+    """The machines of a rig file; NotAvailable where it has no structure."""
+    return _machines(_ByText(rig.text, rig))
+
+
+@lru_cache(maxsize=32)
+def _machines(of: _ByText) -> DeviatingMachines:
     rig = of.rig
-    stiffness = mesh_of(rig, SAMPLES).stiffness.mesh_mean * rig.get("mesh.stiffness_scale", 1.0)
-    ω = 2 * pi * rig.teeth[0] * speed_hz * np.arange(1, HARMONICS + 1)
-
-    def lines(machine: Rig) -> np.ndarray:
-        structure = Structure.from_rig(machine)
-        seen = structure.pinion_motion if pinion_only else structure.transmission_error
-        closed = stiffness / (1 + stiffness * structure.receptance(ω, structure.mesh, structure.mesh))
-        return structure.receptance(ω, structure.mesh, seen) * closed
-
-    own = lines(rig)
-    return np.array([np.log(lines(times(rig, {key: log(1 + σ)})) / own) for key, σ in deviations(rig).items()])
+    own = Structure.from_rig(rig)
+    seen = {"transmission_error": own.transmission_error, "pinion_motion": own.pinion_motion}
+    seen["torque"] = torque_meter(rig)
+    if rig.accelerometer is not None:
+        seen["acceleration"] = direction({rig.accelerometer: 1.0})
+    return DeviatingMachines(
+        own=own,
+        others=tuple(Structure.from_rig(times(rig, {key: log(1 + σ)})) for key, σ in deviations(rig).items()),
+        seen=seen,
+        stiffness=mesh_of(rig, SAMPLES).stiffness.mesh_mean * rig.get("mesh.stiffness_scale", 1.0),
+    )
 
 
 def deviations(rig: Rig) -> dict[str, float]:

@@ -37,6 +37,7 @@ class WindowResidual:
     phase_known: bool  # whether the mesh phase was known: without it nothing is predicted line by line
     bands: tuple[HarmonicBand, ...]
     lines: tuple[SpectralLine, ...]  # strongest first
+    between: float = 0.0  # 2·b², of the vibration between the lines
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -75,6 +76,7 @@ def residual_of_window(
         measured=float(measured),
         left=float(left),
         noise=float(noise),
+        between=2 * (features.noise_rms or 0.0) ** 2,
         phase_known=phase is not None,
         bands=_bands(features, outcome, teeth[0] * speed),
         lines=tuple(

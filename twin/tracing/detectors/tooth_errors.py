@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
@@ -59,12 +60,6 @@ STEPS = 3  # of the fit with the whole response
 class ToothErrorThresholds:
     """When lines at a gear's own orders are pitch errors, and how well they are known."""
 
-    healthy_pattern: tuple[float, float] = deciding(
-        (0.2, 0.1375),
-        of="graduation error of the gear's disc",
-        meaning="rms of the pattern of a healthy machine's pinion and gear in its first windows",
-        source="measured: 0.12 and 0.22 µm on healthy campaigns of the reference rig; not verified on another",
-    )
     energy_over_healthy: float = deciding(
         5.0,
         of="energy of a healthy machine's pattern",
@@ -166,10 +161,14 @@ def attributed(finding: ToothFinding) -> AttributedEffect:
         values = np.array(getattr(finding.effect, gear))
         if values.size:
             rms = float(np.sqrt(np.mean(values**2)))
-            std = float(np.hypot(finding.std / np.sqrt(2 * values.size), MODELLED * rms))
+            std = float(np.hypot(finding.rms_std.get(gear, finding.std / np.sqrt(2 * values.size)), MODELLED * rms))
             parameters[f"{gear}_rms"] = (rms, "m", std)
     return AttributedEffect.of(
-        finding.effect, parameters=parameters, log_evidence=finding.log_evidence, detail=finding.detail
+        finding.effect,
+        parameters=parameters,
+        log_evidence=finding.log_evidence,
+        detail=finding.detail,
+        chance=finding.chance,
     )
 
 
@@ -181,6 +180,16 @@ class _ToothFit:
     pattern: Pattern  # of the first windows, from order 1 on
     matrix: np.ndarray  # whitened response and prior (2n + z, z)
     std: np.ndarray  # of each line (n,) [m]
+
+    def rms_std(self, values: np.ndarray) -> float:
+        """Standard deviation of the rms of displacements (z,) [m]: √(fᵀ·C·f)/(z·rms), C their covariance."""
+        rms = float(np.sqrt(np.mean(values**2)))
+        spread = float(values @ np.linalg.solve(self.matrix.T @ self.matrix, values))
+        return float(np.sqrt(spread) / (values.size * rms)) if rms > 0 else 0.0
+
+    def explained(self, values: np.ndarray) -> float:
+        """Σ|R·f|²/σ², what displacements (z,) [m] make of the lines over their noise: χ² of z − 1 by noise alone."""
+        return float(np.sum((self.matrix[: -values.size] @ values) ** 2))
 
     def correction(self, rest: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Change of the displacements (z,) that leaves the least of lines not yet explained (n,); its mean is none."""
@@ -214,7 +223,7 @@ def find_pitch_errors(
     strength, counts, measured = [], [], []
     for gear in (0, 1):
         lines = _mean_lines(patterns(first, teeth, phase, gear))
-        strength.append(rms_of(lines) / (limits.healthy_pattern[gear] * scales.graduation[gear]))
+        strength.append(rms_of(lines) / (PATTERNS.healthy_pattern[gear] * scales.graduation[gear]))
         counts.append(lines.size)
         measured.append(_with_low_orders([shown[i] for i in new], teeth, phase, gear))
     if max(strength) < 1.0:
@@ -257,6 +266,12 @@ def find_pitch_errors(
         onset=0.0,
         log_evidence=float(evidence),
         std=float(np.sqrt(np.mean(np.diag(np.linalg.inv(B.T @ B))))),
+        rms_std={NAMES[fit.gear]: fit.rms_std(values[NAMES[fit.gear]]) for fit in fits},
+        chance=float(
+            chi2.sf(
+                sum(fit.explained(values[NAMES[fit.gear]]) for fit in fits), sum(v.size - 1 for v in values.values())
+            )
+        ),
         detail=", ".join(f"{n} {1e6 * float(np.std(v)):.2g} µm rms" for n, v in values.items()),
         over_healthy=float(sum(s**2 - 1 for s in strength if s > 1)),
     )

@@ -1,0 +1,73 @@
+"""What held-out windows say of an effect that no steady state predicts line by line.
+
+    envelope   rates at which the envelope of the acceleration repeats, of depth a (a bearing defect):
+               before = √(1 − c), after = √(Σ_misses a²/Σ a²)
+    swing      the line by which the torque, or without its meter the transmission error, swings (teeth that separate):
+               before = 1, after = |A − Â|/A
+
+c     share of the range that lies near a multiple of the order by chance
+A, Â  amplitude in the window, and its median over the windows that were fitted
+
+A window without such rates, or without the line, speaks neither for the effect nor against it: both errors are one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.effects.backlash_rattle import BacklashRattle
+from twin.effects.bearing_defect import BearingDefect
+from twin.effects.response import Effect
+from twin.features.non_gear import NonGearFeatures
+from twin.tracing.detectors.non_gear import THRESHOLDS as RATES
+from twin.updating.history import WindowInput
+
+SWINGING = ("torque", "transmission_error")  # channels that show a swing, the first that is there
+
+
+def content_change(
+    effect: Effect, windows: Sequence[WindowInput], fitted: Sequence[WindowInput]
+) -> tuple[list[float], list[float]]:
+    """Errors of what the effect claims without it and with it, one of each for every window.
+
+    windows  that took no part in its fit
+    fitted   those that did
+    """
+    if isinstance(effect, BearingDefect):
+        pairs = [_of_envelope(w.non_gear, effect.order) for w in windows if w.non_gear is not None]
+    elif isinstance(effect, BacklashRattle):
+        usual = [a for w in fitted if (a := _swing(w, effect.order)) is not None]
+        pairs = [_of_swing(_swing(w, effect.order), usual) for w in windows]
+    else:
+        raise TypeError(f"{type(effect).__name__} claims lines, which a steady state predicts")
+    return [before for before, _ in pairs], [after for _, after in pairs]
+
+
+def _of_envelope(seen: NonGearFeatures, order: float) -> tuple[float, float]:
+    lowest, highest = RATES.sought_orders
+    rates = np.array([(rate, depth) for rate, depth in seen.rates if rate > lowest]).reshape(-1, 2)
+    if not rates.size:
+        return 1.0, 1.0
+    multiples = order * np.arange(1, max(float(rates[:, 0].max()), highest) / order + 1)
+    chance = min(2 * RATES.same_rate * float(multiples.sum()) / float(multiples[-1]), 1.0)
+    k = np.maximum(np.rint(rates[:, 0] / order), 1)
+    missed = np.abs(rates[:, 0] / order / k - 1) >= RATES.same_rate
+    energy = rates[:, 1] ** 2
+    return float(np.sqrt(1 - chance)), float(np.sqrt(energy[missed].sum() / energy.sum()))
+
+
+def _swing(window: WindowInput, order: float) -> float | None:
+    for channel in SWINGING:
+        lines = getattr(window.features, channel)
+        y = None if lines is None else lines.get(0, round(order), 0)
+        if y is not None:
+            return abs(y)
+    return None
+
+
+def _of_swing(amplitude: float | None, usual: Sequence[float]) -> tuple[float, float]:
+    if not amplitude or not usual:
+        return 1.0, 1.0
+    return 1.0, abs(amplitude - float(np.median(usual))) / amplitude
