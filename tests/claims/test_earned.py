@@ -226,3 +226,23 @@ def test_bearing_that_later_windows_do_not_show_is_refused():
     """Order 9.502 with evidence of 22.6 nat, which improves nothing."""
     assert judged_bearing(9.502, (4.1, 7.7), (), (5.3, 6.9, 11.2)).kind == "refused"
     assert judged_bearing(9.502, (), (), ()).kind == "refused"
+
+
+@pytest.mark.parametrize(("level", "kind"), [(0.5, "earned"), (0.02, "earned"), (-0.3, "refused")])
+def test_lines_of_no_shaft_are_judged_by_their_level_alone(level, kind):
+    """A tone of 0.5 m/s² in three windows; a negative level stands for one that the windows do not show."""
+    rng, pairs = np.random.default_rng(4), []
+    for index in range(3):
+        shown = max(level, 0.0) * (1 + 0.05 * rng.normal())
+        both = []
+        for predicted in (0.0, abs(level)):
+            w = window(MESH, MESH, channel="acceleration", index=index)
+            heard = w.acceleration.extended([4.3], [shown], [predicted], [1e-3])
+            both.append(replace(w, channels={"acceleration": heard}))
+        pairs.append(tuple(both))
+    item = AttributedEffect.of(EFFECTS["unknown_effect"](), parameters={}, log_evidence=1e4)
+    assert judged(item, errors(pairs)).kind == kind
+
+
+def test_channel_that_holds_nothing_is_judged_by_nothing():
+    assert _changes([(window(MESH, MESH), window(MESH, MESH))], True)[0].channel == "torque"

@@ -47,6 +47,18 @@ class HealthyLimits:
         meaning="share of healthy machines whose held-out error of a channel is at most the limit",
         source="derivation: with three figures (acceleration, transmission error, level), one healthy machine in 33",
     )
+    foreign: float = deciding(
+        0.1,
+        of="measured line",
+        meaning="scatter of the level of a line that follows no shaft",
+        source="not derived: chosen",
+    )
+    foreign_floor: float = deciding(
+        1e-3,
+        of="largest line of the channel",
+        meaning="the same of a line that a window does not show",
+        source="not derived: chosen; 60 dB below what the channel carries",
+    )
     graduation: float = deciding(
         0.05,
         of="graduation error of the disc",

@@ -70,8 +70,10 @@ class ChannelComparison:
         return ChannelComparison(**{name: getattr(self, name)[use] for name in LINE_ARRAYS})
 
     def extended(self, orders: Any, measured: Any, predicted: Any, std: Any) -> ChannelComparison:
-        """With more lines, of which nothing but their noise is known to scatter; (m,) each."""
-        added = (np.asarray(x) for x in (orders, measured, predicted, std, 2 * np.square(std)))
+        """With more lines, of which the level is predicted alone; (m,) each."""
+        floor = LIMITS.foreign_floor * float(np.abs(self.measured).max(initial=0.0))
+        variance = 2 * np.square(std) + (LIMITS.foreign * np.abs(measured)) ** 2 + max(floor**2, 1e-30)
+        added = (np.asarray(x) for x in (orders, measured, predicted, std, variance))
         return ChannelComparison(
             **{name: np.concatenate((getattr(self, name), more)) for name, more in zip(LINE_ARRAYS, added, strict=True)}
         )
