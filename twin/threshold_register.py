@@ -43,8 +43,10 @@ from twin.encoder_pair.jumps import JumpThresholds
 from twin.encoder_pair.motion import PairThresholds
 from twin.established import EstablishedLimits, HysteresisLimits
 from twin.fallen_count import FallenCountThresholds
+from twin.features.baseline_drift import DriftThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.edge_counts import EdgeCountThresholds
+from twin.features.edge_timing import EdgeTimingThresholds
 from twin.features.modulation import ModulationThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.off_orders import OffOrderThresholds
@@ -160,7 +162,9 @@ SETS: tuple[type, ...] = (
     JumpThresholds,
     PairThresholds,
     SpikeThresholds,
+    DriftThresholds,
     EdgeCountThresholds,
+    EdgeTimingThresholds,
     ModulationThresholds,
     NonGearFeatureThresholds,
     OffOrderThresholds,

@@ -78,6 +78,10 @@ FAULTS: dict[str, Named] = {
         "Check the unit, the sensor, and its range in the rig file.",
     ),
     "spike": Named("single samples far beyond all others", "Check cables and earthing."),
+    "drift": Named(
+        "the zero of an accelerometer moves within the window, as one that settles or warms up; it is taken out",
+        "Let the sensor settle before a measurement; check its cable and its temperature.",
+    ),
     "stuck": Named("all samples of the channel are equal", "Check the sensor and its cable."),
     "clipping": Named(
         "samples at the end of the sensor's range",
