@@ -60,6 +60,7 @@ from twin.levels.wear_by_level import LevelLimits
 from twin.plausibility.thresholds import LevelThresholds, SamplingThresholds, SpeedThresholds
 from twin.required_evidence import NullTail, StatedRate
 from twin.rig_notes import NoteLimits
+from twin.same_flanks import SameFlanksThresholds
 from twin.scales import UNITS, Scales
 from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
@@ -226,6 +227,7 @@ SETS: tuple[type, ...] = (
     LevelComparison,
     ChangingSpeed,
     FallenCountThresholds,
+    SameFlanksThresholds,
     DepthModel,
     BandModel,
     DepthSearch,

@@ -103,8 +103,9 @@ FAULTS: dict[str, Named] = {
         "Exchange the encoder's tracks; check the rig file.",
     ),
     "counter_reset": Named(
-        "the edge counter has begun again: the revolutions since new are not known",
-        "Answer the question of the asset; make the counter durable.",
+        "the edge counter has begun again; the revolutions go on by themselves where the transmission error of the "
+        "flanks does, or where every recording begins its own count",
+        "Answer the question of the asset where one is asked; make the counter durable.",
     ),
     "edges_per_rev": Named(
         "the encoder has another number of edges than the rig file says",
