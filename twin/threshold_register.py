@@ -53,6 +53,9 @@ from twin.features.off_orders import OffOrderThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
 from twin.inspected import InspectionLimits
+from twin.instruments.bursts import BurstThresholds
+from twin.instruments.delays import DelayThresholds
+from twin.instruments.seen import MeshPhaseThresholds
 from twin.learned_limits import LearnedLimits
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
@@ -228,6 +231,9 @@ SETS: tuple[type, ...] = (
     ChangingSpeed,
     FallenCountThresholds,
     SameFlanksThresholds,
+    BurstThresholds,
+    DelayThresholds,
+    MeshPhaseThresholds,
     DepthModel,
     BandModel,
     DepthSearch,
