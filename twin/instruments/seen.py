@@ -32,8 +32,8 @@ class MeshPhaseThresholds:
     """Which mesh lines tell the delay of a channel."""
 
     coherent: float = deciding(
-        0.8, meaning="coherence of a mesh line from one turn to the next, from which it tells a delay",
-        source="not derived: chosen; a phase is then known to half a radian in every turn",
+        0.6, meaning="coherence of a mesh line from one turn to the next, from which it tells a delay",
+        source="not derived: chosen; three jumps in 25 turns leave 0.75, noise of half a radian 0.78",
     )  # fmt: skip
     least_lines: int = deciding(
         3, meaning="mesh lines that must agree on a delay",
