@@ -48,7 +48,7 @@ class DelayThresholds:
     )  # fmt: skip
     apart: float = deciding(
         0.5, meaning="mean coherence of the lines before and behind a place, below which they have jumped there",
-        source="derivation: phases beside the place differ by 1 rad or more",
+        source="derivation: phases before and behind the place differ by 1 rad or more",
     )  # fmt: skip
     goes_on: float = deciding(
         0.1, meaning="unexplained power of the mesh lines up to which they keep one phase",

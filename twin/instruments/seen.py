@@ -32,7 +32,7 @@ class MeshPhaseThresholds:
     """Which mesh lines tell the delay of a channel."""
 
     coherent: float = deciding(
-        0.6, meaning="coherence of a mesh line from one turn to the next, from which it tells a delay",
+        0.6, meaning="coherence of a mesh line from one turn to the next, from which its phase is used",
         source="not derived: chosen; three jumps in 25 turns leave 0.75, noise of half a radian 0.78",
     )  # fmt: skip
     least_lines: int = deciding(
@@ -40,7 +40,7 @@ class MeshPhaseThresholds:
         source="derivation: of two, some delay within a mesh period explains any phases",
     )  # fmt: skip
     least_turns: int = deciding(
-        8, unit="turns of the pinion", meaning="turns from which a delay's change is told", source="not derived: chosen"
+        8, unit="turns of the pinion", meaning="turns that a change of a delay needs", source="not derived: chosen"
     )  # fmt: skip
     steady: float = deciding(
         0.02, of="speed", meaning="standard deviation of the speed above which phases of the path move by themselves",
