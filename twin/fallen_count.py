@@ -16,17 +16,27 @@ not so where the next window continues the lower count at the machine's own pace
 A running machine whose counter was disturbed once has by then gone on from the earlier count, twice as far at least
 where windows are equally far apart.
 
+Where the data tell that the gears are the same, nothing is asked: the count is taken for one that began again, and its
+revolutions go on from those seen (`count_restarted`). So it is where the transmission error goes on from that of the
+windows before (`same_flanks`), and where no window has ever had another count than that of its own recording: what
+turned between such recordings is not known, and they follow one another by their dates.
+
 A window that arrives late is none of these: its time lies before that of windows already used, and its count between
 the counts of the windows before and after that time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from twin.assessment import CountEvent
 from twin.errors import WindowError
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
+from twin.same_flanks import turns_by_flanks
 from twin.state import FallenCount, State
 from twin.thresholds import deciding
 from twin.updating.conditions import COUNT, refuse_falling_count
@@ -49,9 +59,15 @@ class FallenCountThresholds:
         meaning="how far a count may be from the lower one's own pace that goes on from it already in the next window",
         source="set between 0.87 times, seen of one second machine, and twice, which one disturbed count exceeds",
     )  # fmt: skip
+    pause: float = deciding(
+        1.5, unit="s", meaning="pause up to which a window goes on in the recording of the window before",
+        source="the pause that ends a burst (AssemblySettings.gap), and half as much again",
+    )  # fmt: skip
 
 
 DEFAULT = FallenCountThresholds()
+FLANKS = "the transmission error of its flanks goes on from that of the windows before"
+OWN = "every recording of this machine begins its own count; they follow one another by their dates"
 
 
 class CountFellError(WindowError):
@@ -97,6 +113,45 @@ def with_count_checked(
         _remembered(state, features, revolutions, before.refusals + 1, before.ignored),
         seen,
     )
+
+
+def count_restarted(
+    state: State, features: WindowFeatures, limits: FallenCountThresholds = DEFAULT
+) -> CountEvent | None:
+    """How the count of the same gears goes on that has begun again; None where it has not, or the data leave it open.
+
+    features  with the count as the encoder gives it
+    """
+    count, seen, history = features.revolutions, state.memory.track.revolutions, state.tracing.history
+    if count is None or not seen or state.fallen is not None or state.count.pending or not history:
+        return None
+    before = [w.features for w in history]
+    elapsed = (features.start_time_ns - before[-1].start_time_ns) * 1e-9
+    if elapsed <= 0:
+        return None
+    most = limits.speed_margin * (features.speed_hz or 0.0) * elapsed
+    turns, reason = None, FLANKS
+    if count + state.count.offset < seen - COUNT.most_fall:
+        turns = turns_by_flanks(before, features, (min(count, most), most))
+    if turns is None and _begins(features) and (state.count.own or _each_its_own(before, limits)):
+        turns, reason = min(count, most), OWN
+    if turns is None:
+        return None
+    return CountEvent(window=state.windows_seen, seen=seen, count=count, revolutions=seen + turns, reason=reason)
+
+
+def _each_its_own(before: Sequence[WindowFeatures], limits: FallenCountThresholds) -> bool:
+    """Whether every count began with its recording: at a window's start, or with that of the window directly before."""
+    for last, w in zip((None, *before), before, strict=False):
+        pause = np.inf if last is None else (w.start_time_ns - last.start_time_ns) * 1e-9 - last.duration
+        if not (_begins(w) or pause <= limits.pause):
+            return False
+    return True
+
+
+def _begins(w: WindowFeatures) -> bool:
+    """Whether the encoder's count began with this window."""
+    return w.revolutions is not None and w.turns is not None and w.revolutions - 0.5 * w.turns <= 1.0
 
 
 def _arrives_late(state: State, features: WindowFeatures, revolutions: float) -> bool:

@@ -8,6 +8,7 @@ The offset is 0 until somebody replaces the gears or resets the counter; the fir
     gears replaced, the counter has fallen      offset = 0: the new count is that of the new gears
     counter reset, and it has fallen            offset = revolutions before − count that it began at
     counter reset, but it counts on             offset as before
+    the data tell that it began again           offset = revolutions by the data − count (fallen_count.py)
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class CountOffset:
     seen: float = 0.0  # encoder's count by the latest window before the change [turns]
     at: float | None = None  # encoder's count at which gears were replaced; revolutions since new at a reset
     began: float = 0.0  # count that the counter was set to [turns]
+    own: bool = False  # whether every recording begins a count of its own
 
     def awaiting(self, kind: str, revolutions: float, at: float | None, began: float = 0.0) -> CountOffset:
         """The count after a change that the next window settles; `revolutions` by the latest window before it."""
@@ -41,9 +43,8 @@ class CountOffset:
         fell = encoder_count < self.seen
         if self.pending == "gears_replaced":
             at = self.seen if self.at is None else self.at
-            return CountOffset(offset=0.0 if fell else -min(at, encoder_count))
-        before = self.at or 0.0
-        return CountOffset(offset=before - self.began if fell else self.offset)
+            return CountOffset(offset=0.0 if fell else -min(at, encoder_count), own=self.own)
+        return CountOffset(offset=(self.at or 0.0) - self.began if fell else self.offset, own=self.own)
 
 
 def counted(count: CountOffset, features: WindowFeatures) -> tuple[CountOffset, WindowFeatures]:

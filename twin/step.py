@@ -11,13 +11,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from twin.assessment import Assessment, EffectEvent, EncoderPair, Life, LifeEvent, Unavailable, Wear, WindowEvent
+from twin.assessment import (
+    Assessment,
+    CountEvent,
+    EffectEvent,
+    EncoderPair,
+    Life,
+    LifeEvent,
+    Unavailable,
+    Wear,
+    WindowEvent,
+)
 from twin.capabilities import CAPABILITIES
 from twin.capabilities.context import Context, answer_as_of, carried_over
 from twin.capabilities.modelled import answer_of, recent_residuals, state_after
 from twin.encoder_pair.assessing import assess_pair
 from twin.errors import NotAvailable, WindowError
-from twin.fallen_count import with_count_checked
+from twin.fallen_count import OWN, count_restarted, with_count_checked
 from twin.features.extract import WindowSignals, extract
 from twin.features.non_gear import non_gear_features
 from twin.features.window_features import WindowFeatures
@@ -26,7 +36,7 @@ from twin.machine_change import MachineChange
 from twin.machine_changes import changed
 from twin.options import Options
 from twin.preliminary import confidence_of
-from twin.revolution_count import counted
+from twin.revolution_count import CountOffset, counted
 from twin.rig import Rig
 from twin.state import State
 from twin.tracing.attribution_loop import decide as decided
@@ -69,14 +79,17 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
     for capability in CAPABILITIES:
         if capability.applies(context, draft):
             draft = capability.assess(context, draft)
-    events = (WindowEvent(window=draft.record), *draft.assessment.events)
+    restarted = () if context.restarted is None else (context.restarted,)
+    events = (WindowEvent(window=draft.record), *restarted, *draft.assessment.events)
     return replace(draft.state, windows_seen=state.windows_seen + 1), replace(draft.assessment, events=events)
 
 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:
     """The window's features; WindowError where it has neither a level nor a speed nor a pair in motion."""
     signals = WindowSignals(rig, window)
-    count, features = counted(state.count, with_changing_speed(rig, extract(rig, window, signals)))
+    measured = with_changing_speed(rig, extract(rig, window, signals))
+    state, restarted = _with_count_followed(rig, state, measured, options)
+    count, features = counted(state.count, measured)
     pair = None if rig.has(*NEEDED) else assess_pair(rig, window, state.windows_seen)
     if features.rms is None and features.speed_hz is None and not isinstance(pair, EncoderPair):
         reasons = [*features.unavailable.values(), *([pair.reason] if isinstance(pair, Unavailable) else [])]
@@ -95,7 +108,20 @@ def _context(rig: Rig, state: State, window: Window, options: Options) -> Contex
         signals=signals,
         input=_window_input(signals, state, features, options),
         pair=pair,
+        restarted=restarted,
     )
+
+
+def _with_count_followed(
+    rig: Rig, state: State, measured: WindowFeatures, options: Options
+) -> tuple[State, CountEvent | None]:
+    """The state after a count of the same gears has begun again, and how; itself where none has."""
+    restarted = count_restarted(state, measured)
+    if restarted is None:
+        return state, None
+    state = changed(rig, state, MachineChange(kind="counter_reset"), options)
+    offset = restarted.revolutions - restarted.count
+    return replace(state, count=CountOffset(offset=offset, own=restarted.reason == OWN)), restarted
 
 
 def _window_input(signals: WindowSignals, state: State, features: WindowFeatures, options: Options) -> WindowInput:

@@ -44,14 +44,19 @@ from twin.encoder_pair.jumps import JumpThresholds
 from twin.encoder_pair.motion import PairThresholds
 from twin.established import EstablishedLimits, HysteresisLimits
 from twin.fallen_count import FallenCountThresholds
+from twin.features.baseline_drift import DriftThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.edge_counts import EdgeCountThresholds
+from twin.features.edge_timing import EdgeTimingThresholds
 from twin.features.modulation import ModulationThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.off_orders import OffOrderThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
 from twin.inspected import InspectionLimits
+from twin.instruments.bursts import BurstThresholds
+from twin.instruments.delays import DelayThresholds
+from twin.instruments.seen import MeshPhaseThresholds
 from twin.learned_limits import LearnedLimits
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
@@ -59,6 +64,7 @@ from twin.levels.wear_by_level import LevelLimits
 from twin.plausibility.thresholds import LevelThresholds, SamplingThresholds, SpeedThresholds
 from twin.required_evidence import NullTail, StatedRate
 from twin.rig_notes import NoteLimits
+from twin.same_flanks import SameFlanksThresholds
 from twin.scales import UNITS, Scales
 from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
@@ -160,7 +166,9 @@ SETS: tuple[type, ...] = (
     JumpThresholds,
     PairThresholds,
     SpikeThresholds,
+    DriftThresholds,
     EdgeCountThresholds,
+    EdgeTimingThresholds,
     ModulationThresholds,
     NonGearFeatureThresholds,
     OffOrderThresholds,
@@ -220,6 +228,10 @@ SETS: tuple[type, ...] = (
     LevelComparison,
     ChangingSpeed,
     FallenCountThresholds,
+    SameFlanksThresholds,
+    BurstThresholds,
+    DelayThresholds,
+    MeshPhaseThresholds,
     DepthModel,
     BandModel,
     DepthSearch,

@@ -91,6 +91,10 @@ def _event(event: assessment.Event) -> tuple[str, Mapping[str, Any]]:
         return "effect", LogEntry.of(event).as_json()
     if isinstance(event, assessment.LifeEvent):
         return "rul", Rul.of(event.life).as_json()
+    if isinstance(event, assessment.CountEvent):
+        effect = {"revolutions": event.revolutions, "from_window": event.window}
+        given = {"by": None, "note": event.reason, "revolutions": event.seen}
+        return "change", {"kind": "counter_reset", **given, "effect": effect}
     record = WindowRecord.of(event.window).as_json()
     if isinstance(event, assessment.UpdateEvent):
         return "update", {name: record[name] for name in UPDATE_FIELDS}

@@ -50,8 +50,14 @@ def assembly_for(rig: Rig, base: AssemblySettings) -> AssemblySettings:
 
 
 def window_of_rig(rig: Rig, window: Window) -> Window:
-    """The window with a fault for every encoder whose frames have another number of edges than the rig file."""
-    found = []
+    """The window as sound instruments would have shown it, graded anew where a fault of one was found.
+
+    Adds a fault for every encoder whose frames have another number of edges than the rig file.
+    """
+    from twin.instruments import examined  # loads the twin, which only those do who compute
+
+    sound = examined(rig, window)
+    found: list[Fault] = []
     for shaft, edges in window.encoders.items():
         key = f"encoders.{shaft}_edges_per_rev"
         stated = rig.get(key)
@@ -60,7 +66,7 @@ def window_of_rig(rig: Rig, window: Window) -> Window:
             found.append(
                 Fault(kind="edges_per_rev", channel=f"encoder/{shaft}", count=1, action="degraded", detail=detail)
             )
-    if not found:
+    if sound is window and not found:
         return window
-    faults = (*window.faults, *found)
-    return replace(window, faults=faults, quality=grade_of(faults))
+    faults = (*sound.faults, *found)
+    return replace(sound, faults=faults, quality=grade_of(faults))

@@ -78,6 +78,25 @@ FAULTS: dict[str, Named] = {
         "Check the unit, the sensor, and its range in the rig file.",
     ),
     "spike": Named("single samples far beyond all others", "Check cables and earthing."),
+    "drift": Named(
+        "the zero of an accelerometer moves within the window, as one that settles or warms up; it is taken out",
+        "Let the sensor settle before a measurement; check its cable and its temperature.",
+    ),
+    "clock_rate": Named(
+        "the clock of an accelerometer runs off against the encoder within the window, by the mesh lines; its rate is "
+        "put right",
+        "Use one clock for all channels, or correct the sampling rate.",
+    ),
+    "lost_samples": Named(
+        "samples that are missing, or there twice, without a gap in the frames, by the mesh lines against the encoder; "
+        "a gap is put in",
+        "Check the buffers of the logger.",
+    ),
+    "interference": Named(
+        "an accelerometer and the torque meter are struck at the same moments, at no angle of a shaft; these are left "
+        "out",
+        "Check screens and earthing of the cables.",
+    ),
     "stuck": Named("all samples of the channel are equal", "Check the sensor and its cable."),
     "clipping": Named(
         "samples at the end of the sensor's range",
@@ -99,8 +118,9 @@ FAULTS: dict[str, Named] = {
         "Exchange the encoder's tracks; check the rig file.",
     ),
     "counter_reset": Named(
-        "the edge counter has begun again: the revolutions since new are not known",
-        "Answer the question of the asset; make the counter durable.",
+        "the edge counter has begun again; the revolutions go on by themselves where the transmission error of the "
+        "flanks does, or where every recording begins its own count",
+        "Answer the question of the asset where one is asked; make the counter durable.",
     ),
     "edges_per_rev": Named(
         "the encoder has another number of edges than the rig file says",

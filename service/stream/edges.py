@@ -97,7 +97,8 @@ def _note_reversed(label: str, count: int, why: str, faults: list[Fault]) -> Non
 
 
 def note_reset(label: str, first: int, counted: int, faults: list[Fault]) -> None:
-    """A count that has fallen since the window before: it no longer gives the revolutions since new."""
+    """A count that has fallen since the window before; whether it is that of the same gears is the twin's to say."""
     if first < counted:
-        detail = f"edge count falls from {counted} to {first} between windows; counter reset?"
-        faults.append(Fault(kind="counter_reset", channel=label, count=1, action="degraded", detail=detail))
+        detail = f"edge count falls from {counted} to {first} between windows"
+        detail += "; it begins with this recording" if first == 0 else "; counter reset?"
+        faults.append(Fault(kind="counter_reset", channel=label, count=1, action="none", detail=detail))

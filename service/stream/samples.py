@@ -17,6 +17,7 @@ from service.stream.faults import by_share
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece, of_one_rate
 from twin.compiled.statistics import extremes
+from twin.features.baseline_drift import baseline_drift
 from twin.features.despike import spikes
 from twin.rig import Rig
 from twin.thresholds import deciding
@@ -103,6 +104,8 @@ def lay_samples(
     tail = (span.end_ns - origin) / NS - placed.size / sampling
     _note_gaps(label, parts, holes / sampling, (head, tail), span.length, faults)
     _note_dead_or_clipped(label, kind, values, faults)
+    if kind.vibration:
+        _take_drift_out(label, values, sampling, kind.unit, faults)
     if bad + holes == placed.size:
         return None
     return Samples(rate=sampling, start=head, values=values)
@@ -188,6 +191,19 @@ def _note_gaps(
         where = f"{missing:.4g} s of {length:.4g} s missing" if missing > 0 else "before this window"
         detail = f"{lost} frames lost; {where}"
         faults.append(Fault(kind="gap", channel=label, count=max(lost, 1), action=action, detail=detail))
+
+
+def _take_drift_out(label: str, values: np.ndarray, rate: float, unit: str, faults: list[Fault]) -> None:
+    """Takes the drift of a sensor's zero out of its values (n,)."""
+    drift = baseline_drift(values, rate)
+    if drift is None:
+        return
+    values -= drift
+    detail = (
+        f"the zero of the sensor moves by {np.ptp(drift):.3g} {unit} within the window, as one that settles or changes "
+        "its temperature: taken out"
+    )
+    faults.append(Fault(kind="drift", channel=label, count=1, action="repaired", detail=detail))
 
 
 def _note_dead_or_clipped(label: str, kind: ChannelKind, values: np.ndarray, faults: list[Fault]) -> None:

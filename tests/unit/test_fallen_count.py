@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from benchmarks.scoring import windows_of
 from tests.dynamics_cases import RIG
-from twin.fallen_count import CountFellError, with_count_checked
+from twin.assessment import CountEvent
+from twin.fallen_count import CountFellError, count_restarted, with_count_checked
 from twin.features.window_features import WindowFeatures
 from twin.options import Options
 from twin.state import State
@@ -17,7 +19,10 @@ from twin.tracing.state import Tracing, TwinStage
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 from twin.updating.tracker import WearTrack
+from twin.windows import Window
 
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+BOTH = ("pinion", "gear")
 SPEED = 10.0  # [Hz]
 SEEN = 9000.0  # revolutions of the machine before
 
@@ -124,3 +129,81 @@ def test_two_reference_machines_under_one_name_are_asked_about_and_nothing_crash
             step(rig, now, found, Options(trace=True))
         now = refused.value.state
     assert now.fallen is not None and now.fallen.refusals == 2
+
+
+# ---- a count of the same gears that began again
+
+
+def restarted(windows: list[Window], at: int, shift: float, shafts=BOTH) -> list[Window]:
+    """Windows whose counters began again `shift` turns of their shaft before window `at`."""
+    out = list(windows[:at])
+    first = {shaft: windows[at].encoders[shaft].first_index for shaft in shafts}
+    for w in windows[at:]:
+        encoders = dict(w.encoders)
+        for shaft in shafts:
+            e = encoders[shaft]
+            encoders[shaft] = replace(e, first_index=e.first_index - first[shaft] + round(shift * e.per_rev))
+        out.append(replace(w, encoders=encoders))
+    return out
+
+
+@pytest.fixture(scope="module")
+def worn():
+    """The windows of a campaign of one pair that wears."""
+    return windows_of(RECORDINGS / "short-campaign.mcap")
+
+
+@pytest.mark.parametrize(
+    "at, shift, shafts",
+    [
+        (6, 0.0, ("pinion", "gear")),
+        (6, 137.3, ("pinion", "gear")),
+        (7, 20.0, ("pinion", "gear")),
+        (6, 0.0, ("pinion",)),
+    ],
+)
+def test_a_counter_that_began_again_on_the_same_flanks_is_followed_with_an_event(worn, at, shift, shafts):
+    rig, windows = worn
+    now, true = State(), windows[at].encoders["pinion"].first_index / windows[at].encoders["pinion"].per_rev
+    for w in restarted(windows, at, shift, shafts)[: at + 1]:
+        now, found = step(rig, now, w, Options(trace=True))
+    (event,) = [e for e in found.events if isinstance(e, CountEvent)]
+    assert "transmission error" in event.reason and now.fallen is None
+    assert event.revolutions == pytest.approx(true, rel=0.03)  # by the growth of the error
+
+
+def test_new_gears_whose_count_falls_are_asked_about(worn):
+    rig, windows = worn
+    now, new = State(), replace(windows[2], start_time_ns=windows[6].start_time_ns)
+    for w in windows[:6]:
+        now, _ = step(rig, now, w, Options(trace=True))
+    with pytest.raises(CountFellError):
+        step(rig, now, new, Options(trace=True))
+
+
+def test_other_gears_of_a_lower_count_are_asked_about(worn):
+    rig, windows = worn
+    other = windows_of(RECORDINGS / "faulty-campaign.mcap")[1][4]
+    now = State()
+    for w in windows[:7]:
+        now, _ = step(rig, now, w, Options(trace=True))
+    with pytest.raises(CountFellError):
+        step(rig, now, replace(other, start_time_ns=windows[7].start_time_ns), Options(trace=True))
+
+
+def own_counts(*times: float) -> State:
+    """The state of a machine whose recordings at these times [s] begin their own counts; 400 turns each."""
+    features = [replace(window(200.0, t), turns=400.0, duration=40.0) for t in times]
+    inputs = tuple(WindowInput(index=i, features=f) for i, f in enumerate(features))
+    return replace(state(), tracing=replace(state().tracing, history=inputs))
+
+
+def test_recordings_that_begin_their_own_counts_follow_one_another_by_their_dates():
+    begun = replace(window(100.0, 90000.0), turns=200.0)
+    event = count_restarted(own_counts(0.0, 50000.0), begun)
+    assert event is not None and "dates" in event.reason and event.revolutions == SEEN + 100.0
+
+
+def test_a_count_that_went_on_between_recordings_is_no_count_of_their_own():
+    counted_on = with_history((0.0, 100.0), (50000.0, 4500.0))
+    assert count_restarted(counted_on, replace(window(100.0, 90000.0), turns=200.0)) is None

@@ -71,7 +71,7 @@ from twin.assessment.wear import (
     Wear,
     WearProfile,
 )
-from twin.assessment.whole import Assessment, Event, LifeEvent, UpdateEvent, WindowEvent
+from twin.assessment.whole import Assessment, CountEvent, Event, LifeEvent, UpdateEvent, WindowEvent
 from twin.assessment.window import FusedEstimate, MethodEstimates, RmsEstimate, WindowAssessment
 
 __all__ = [
@@ -84,6 +84,7 @@ __all__ = [
     "BaselineWindow",
     "CalibrationAssessment",
     "ChannelErrors",
+    "CountEvent",
     "DepthPair",
     "EffectAssessment",
     "EffectEvent",

@@ -35,7 +35,18 @@ class LifeEvent:
     life: Life
 
 
-Event = WindowEvent | UpdateEvent | LifeEvent | EffectEvent
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CountEvent:
+    """The revolution count of the same gears had begun again, and was followed."""
+
+    window: int
+    seen: float  # revolutions of the pinion by the latest window before
+    count: float  # that the encoder gives [turns of the pinion]
+    revolutions: float  # of the pinion by the window
+    reason: str  # by what it is known that the gears are the same
+
+
+Event = WindowEvent | UpdateEvent | LifeEvent | EffectEvent | CountEvent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,9 @@
     ln p_c = ln N + ln Q(3, E_c)
     ln p   = ln 2 + min(ln n + min_c ln p_c, 1 + mean_c ln p_c)        of n channels, n > 1
 
-A, M amplitude spectrum against order without the lines that known shafts make, and its running median
+A    amplitude spectrum against order without the lines that known shafts make
+M    its running median, or what the timing of the edges that the angle comes from makes of the channel's lines there,
+     whichever is more; since these change from draw to draw, the highest of half the lines that the angle can follow
 q_c  share of the channel's searched places, without the pair's own, that stand as far out of their neighbourhood; no
      less than the power law through its shares of 3 and 1 %: a machine of many lines needs more than noise does
 Q    upper tail of the gamma distribution: E of lines that are paired by chance; N spacings are tried
@@ -25,12 +27,13 @@ from scipy.special import gammaincc, gammainccinv
 
 from twin.baseline.reading import FLOOR_ORDERS, USABLE
 from twin.features.angle import AngleTrack
-from twin.features.resample import on_angle
+from twin.features.resample import by_angle_error, on_angle, splined
 from twin.features.transforms import hann
 from twin.thresholds import deciding
 from twin.windows import Samples
 
 HARMONICS = 3  # of the mesh whose sidebands are searched
+MAIN_LOBE = 5  # lines of Hann's window that one line of a spectrum fills
 TAIL = (0.03, 0.01)  # shares of the places whose values give the power law beyond them
 SCALLOP = 0.849  # of its amplitude that a line half a bin off keeps under Hann's window
 OWN_PLACES = 6  # of a pair in the pool: a line counts at three places
@@ -75,7 +78,7 @@ class OrderSpectrum:
     """One channel's amplitude spectrum against order, and how far each line stands out."""
 
     amplitude: np.ndarray  # peak (n,)
-    median: np.ndarray  # of the neighbourhood's amplitudes (n,)
+    median: np.ndarray  # of the neighbourhood's amplitudes, no less than what the angle's error makes (n,)
     ratio: np.ndarray  # amplitude over median at peaks off the known orders, 0 elsewhere (n,)
     own: np.ndarray  # whether a line belongs to a known order (n,)
     level: np.ndarray  # min(ln(power/floor), LINE_CAP) at peaks off the known orders, 0 elsewhere (n,)
@@ -115,16 +118,21 @@ def spectra(
     """
     out = {}
     for name, samples in accelerations.items():
-        signal, per_turn = on_angle(samples, track, samples.values.size)
+        spline = splined(samples.values, samples.values.size)
+        signal, per_turn = on_angle(samples, track, spline=spline)
         weight = hann(signal.values.size)
         width = 1 / signal.turns
-        amplitude = 2 * np.abs(np.fft.rfft((signal.values - signal.values.mean()) * weight)) / weight.sum()
-        amplitude = amplitude[: int(USABLE * per_turn / width)]
+        count = int(USABLE * per_turn / width)
+        amplitude = _amplitudes(signal.values, weight)[:count]
         median = median_filter(amplitude, size=max(9, int(FLOOR_ORDERS / width)) | 1, mode="nearest")
         median = np.maximum(median, 1e-150)
+        for error in by_angle_error(samples, track, spline):
+            made = maximum_filter1d(_amplitudes(error, weight)[:count], MAIN_LOBE + track.pieces // 2)
+            median = np.maximum(median, made)
         order = np.arange(amplitude.size) * width
         own = np.abs(order * period - np.rint(order * period)) / period < limits.known_lines * width
-        ratio = np.where(own | (amplitude < maximum_filter1d(amplitude, 5)), 0.0, amplitude / median)
+        highest = maximum_filter1d(amplitude, MAIN_LOBE)
+        ratio = np.where(own | (amplitude < highest), 0.0, amplitude / median)
         out[name] = OrderSpectrum(
             amplitude=amplitude,
             median=median,
@@ -134,6 +142,11 @@ def spectra(
             bin=width,
         )
     return {name: s for name, s in out.items() if s.own.size * s.bin > z1 and (~s.own).sum() > limits.least_lines}
+
+
+def _amplitudes(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Peak amplitude of every line of values under a weight, (n,) each; (n//2 + 1,)."""
+    return 2 * np.abs(np.fft.rfft((values - values.mean()) * weight)) / weight.sum()
 
 
 def search(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from twin.assessment import (
     Assessment,
+    CountEvent,
     EncoderPair,
     Event,
     Unavailable,
@@ -34,6 +35,7 @@ class Context:
     signals: WindowSignals  # of the window, computed where they are asked for
     input: WindowInput  # the window's features
     pair: EncoderPair | Unavailable | None  # motion of the encoder pair; None where it was not asked for
+    restarted: CountEvent | None = None  # where the window's revolution count had begun again
 
     @property
     def features(self) -> WindowFeatures:

@@ -19,6 +19,7 @@ from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.averages import AT_ONCE, Average, Splines, average_places, synchronous_averages
 from twin.features.despike import without_spikes
+from twin.features.edge_timing import rates_of
 from twin.features.indicators import periods_of, sensor_indicators
 from twin.features.level import band_level
 from twin.features.lines import mesh_keys, noise_rms, read_lines, shaft_keys
@@ -73,11 +74,11 @@ def pinion_angle(rig: Rig, window: Window, accelerations: Mapping[str, Samples])
 
     def from_gear() -> AngleTrack:
         z1, z2 = rig.teeth
-        return angle_track(window.encoders["gear"], z2 / z1, "encoder/gear")
+        return angle_track(window.encoders["gear"], z2 / z1, "encoder/gear", rates_of(window))
 
     sources: list[Callable[[], AngleTrack]] = []
     if "pinion" in window.encoders:
-        sources.append(lambda: angle_track(window.encoders["pinion"]))
+        sources.append(lambda: angle_track(window.encoders["pinion"], rates=rates_of(window)))
     if "gear" in window.encoders:
         sources.append(from_gear)
     sources.append(lambda: mesh_track(rig, accelerations))

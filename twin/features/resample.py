@@ -156,3 +156,16 @@ def on_angle(
     grid = grid or angle_grid(samples, track)
     values, usable = interpolate(spline or splined(samples.values, longest_gap), grid.position)
     return AngleSignal(start=grid.start, step=grid.step, values=values, usable=usable), grid.per_turn
+
+
+def by_angle_error(samples, track, spline: tuple[np.ndarray, np.ndarray]) -> list[np.ndarray]:
+    """What the timing of the track's edges adds to each value of `on_angle`, in each of its errors; (n,) each.
+
+    spline  of the channel, as `splined` gives it
+    """
+    grid = angle_grid(samples, track)
+    angles = grid.start + grid.step * np.arange(grid.position.size)
+    right = interpolate(spline, grid.position)[0]
+    return [
+        interpolate(spline, (wrong.time(angles) - samples.start) * samples.rate)[0] - right for wrong in track.in_error
+    ]
