@@ -18,6 +18,7 @@ from twin.rig import Rig
 from twin.scales import Scales
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.change_detection import change_indicators, is_new, widened
+from twin.tracing.content_left import with_content_left
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors import non_gear
 from twin.tracing.joining import STAYING, LoopResult, joined, same_effect, unattributed_lines, with_found
@@ -66,7 +67,8 @@ def attribute_window(
             return LoopResult(tracing=tracing, outcome=outcome)
         if traced.waiting or search:
             tracing = after_search(tracing, traced.waiting)
-        return joined(rig, tracing, traced, outcome, options)
+        result = joined(rig, tracing, traced, outcome, options)
+        return replace(result, tracing=with_content_left(rig, result.tracing))
 
 
 def attribute_non_gear_content(

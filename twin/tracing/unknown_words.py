@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from twin.tracing.findings import AccelerometerFault
+from twin.tracing.findings import IMPACTS, AccelerometerFault
 from twin.tracing.mean_step import MeanStep
 from twin.tracing.shaft_remainder import ShaftLine
 from twin.tracing.unknown_entry import Entry, Law
@@ -134,10 +134,13 @@ def of_fault(fault: AccelerometerFault) -> str:
     return f"{' and '.join(parts)}; {_since(fault.onset)}"
 
 
-def of_noise(kind: str, level: float, detail: str, onset: float) -> str:
-    """Impacts or a rub in a sentence."""
+def of_noise(kind: str, level: float, detail: str, onset: float, struck: str | None = None) -> str:
+    """Impacts or a rub in a sentence.
+
+    struck  the shaft that impacts repeat with, as in `NonGearContent`
+    """
     what = {
-        "impacts": "impacts that repeat with no shaft",
+        "impacts": IMPACTS[struck],
         "pinion": "broadband noise modulated by every turn of the pinion, as where something rubs",
         "gear": "broadband noise modulated by every turn of the gear, as where something rubs",
     }[kind]

@@ -1,0 +1,286 @@
+"""What the twin in use leaves at the shafts' own orders, in every channel: content that no effect explains.
+
+    left = Σ|y − m|²/Σ|y|²                over the lines of a channel in held-out windows
+    share of a line = |y − m|²/Σ|y|²      of the acceleration's lines that the twin has no prediction for: ½A²/RMS²
+
+y  measured line, m predicted by the twin with all its effects, complex
+
+A line counts where it is clear of noise and of what healthy machines have: of the encoders' lines at a shaft's order,
+the discs' own errors; of mesh lines, what a structure within the rig's tolerances makes of them. The lines together
+must hold more of a channel than the error that a twin may leave and still be called explained. They are content like any
+other then, with channel, order, size and growth; what the encoders alone show may be a disc's own.
+
+Source   errors of graduation and mounting of discs: the rig file's tolerances; the rest is a description, not a cause
+Holds    machines whose teeth do not differ and are not cracked by what was found: these have lines at all orders
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.assessment import SpectralLine
+from twin.errors import TwinError
+from twin.features.shaft_orders import GEAR, PINION, owner_of
+from twin.rig import Rig
+from twin.scales import Scales
+from twin.thresholds import deciding
+from twin.tracing.confirmation import learned_factors, windows_to_compare
+from twin.tracing.held_out_error import HeldOutComparison, compare
+from twin.tracing.state import Tracing
+from twin.tracing.unexplained import VERDICT_LIMITS
+from twin.tracing.unknown_words import CHANNEL_NAMES
+from twin.updating.history import WindowInput
+
+MOST_SAID = 3  # lines of a channel in a sentence
+SAME = 1e-4  # orders within which two lines are one
+UNITS = {"acceleration": (1.0, "m/s²"), "encoder": (1e6, "µm"), "torque": (1.0, "N·m")}
+ENCODERS = ("transmission_error", "pinion_motion")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContentLeftThresholds:
+    """When lines of the shafts' own orders are content that nothing explains."""
+
+    disc: float = deciding(
+        6.0,
+        of="what the discs' errors make of a line",
+        meaning="amplitude of an encoders' line at a shaft's order",
+        source="derivation: three standard deviations of machines twice as far from their rig files",
+    )
+    clear: float = deciding(
+        6.0, of="standard deviation of the line", meaning="amplitude of a line that counts", source="convention"
+    )
+    mesh_error: float = deciding(
+        0.6,
+        meaning="error of a channel's mesh lines on held-out windows that no structure within tolerances makes",
+        source="between observed values: healthy machines near a resonance leave up to 0.45; another path 0.8 and more",
+    )
+    same_size: float = deciding(
+        2.0, meaning="scatter of a level over that of its noise, above which its growth is stated", source="convention"
+    )
+    windows_share: float = deciding(
+        0.6, of="windows", meaning="share of them that must show a line", source="as for lines of no shaft"
+    )
+
+
+THRESHOLDS = ContentLeftThresholds()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftLine:
+    """One line that nothing explains."""
+
+    channel: str  # "acceleration", "encoder" or "torque"
+    order: float  # of the pinion
+    size: float  # amplitude left, rms over the windows, in the channel's unit
+    share: float  # of the channel's energy
+
+
+def with_content_left(rig: Rig, tracing: Tracing, limits: ContentLeftThresholds = THRESHOLDS) -> Tracing:
+    """The memory with what the twin in use leaves at the shafts' orders, in words and among the unattributed lines."""
+    if tracing.few_windows or not tracing.stages or any(_fills(f) for f in tracing.found):
+        return tracing
+    lines = lines_left(rig, _compared(rig, tracing), tracing.history, limits)
+    if not lines:
+        return tracing
+    said = "; ".join(part for part in (tracing.unknown, sentence(rig, lines, tracing.history, limits)) if part)
+    speed = next(t.features.speed_hz for t in reversed(tracing.history) if t.features.speed_hz) or 1.0
+    heard = tuple(
+        SpectralLine(
+            order=line.order,
+            frequency=line.order * speed,
+            share=line.share if line.channel == "acceleration" else None,
+            kind=f"{_owner(rig, line.order)}, in the {CHANNEL_NAMES[line.channel]}",
+        )
+        for line in lines
+    )
+    return replace(tracing, unknown=said, unattributed=(*tracing.unattributed, *heard))
+
+
+def _fills(found) -> bool:
+    """Whether an effect that was found has lines at all orders of a shaft by itself."""
+    facts = found.addition.effect.facts
+    return facts.acts_on == "teeth" or facts.separates_teeth
+
+
+def _compared(rig: Rig, tracing: Tracing) -> list[HeldOutComparison]:
+    """Held-out windows with the twin in use; those that it cannot predict are left out."""
+    windows, indices = windows_to_compare(rig, tracing)
+    learned = learned_factors(tracing, indices)
+    stage, found = tracing.stages[-1], [f.addition for f in tracing.found]
+    out = []
+    for window in windows:
+        try:
+            depth = stage.depths.get(window.index, stage.depth)
+            out.append(compare(rig, stage.memory, found, learned, window, depth))
+        except TwinError:
+            continue
+    return out
+
+
+def lines_left(
+    rig: Rig,
+    compared: Sequence[HeldOutComparison],
+    history: Sequence[WindowInput],
+    limits: ContentLeftThresholds = THRESHOLDS,
+) -> tuple[LeftLine, ...]:
+    """Lines that nothing explains, of every channel whose lines together count, the strongest of each first."""
+    out: list[LeftLine] = []
+    for channel, names in (("acceleration", ("acceleration",)), ("encoder", ENCODERS), ("torque", ("torque",))):
+        lines = _of_channel(rig, channel, names, compared, limits)
+        if channel == "acceleration":
+            lines = [*lines, *_unread(history, limits)]
+        lines = sorted(lines, key=lambda line: -line.share)
+        if sum(line.share for line in lines) > VERDICT_LIMITS.held_out_error**2:
+            out += lines[:MOST_SAID]
+    return tuple(out)
+
+
+def _of_channel(
+    rig: Rig,
+    channel: str,
+    names: Sequence[str],
+    compared: Sequence[HeldOutComparison],
+    limits: ContentLeftThresholds,
+) -> list[LeftLine]:
+    """Lines of one channel that are clear of noise and of what healthy machines have."""
+    seen = [w.channels[name] for w in compared for name in names if name in w.channels]
+    energy = sum(float(np.sum(np.abs(s.measured) ** 2)) for s in seen)
+    if len(seen) < 2 or energy <= 0:
+        return []
+    z1, scales = rig.teeth[0], Scales.of(rig)
+    left: dict[float, list[tuple[float, float]]] = {}
+    for s in seen:
+        for o, rest, std in zip(
+            s.orders.tolist(), np.abs(s.measured - s.predicted).tolist(), s.std.tolist(), strict=True
+        ):
+            left.setdefault(round(o, 6), []).append((rest, std))
+    mesh = {o for o in left if abs(o - z1 * round(o / z1)) < SAME}
+    of_mesh = sum(rest**2 for o in mesh for rest, _ in left[o])
+    mesh_counts = of_mesh > limits.mesh_error**2 * energy
+    out = []
+    for o, found in left.items():
+        size = float(np.sqrt(np.mean([rest**2 for rest, _ in found])))
+        least = limits.clear * float(np.mean([std for _, std in found]))
+        if channel == "encoder" and o not in mesh:
+            least = max(least, limits.disc * _disc(rig, o, scales))
+        counts = mesh_counts if o in mesh else channel != "acceleration"
+        if counts and size > least and len(found) >= limits.windows_share * len(seen):
+            share = sum(rest**2 for rest, _ in found) / energy
+            out.append(LeftLine(channel=channel, order=o, size=size, share=float(share)))
+    return out
+
+
+def _unread(history: Sequence[WindowInput], limits: ContentLeftThresholds) -> list[LeftLine]:
+    """Lines of the acceleration at turns of the shafts, away from the mesh's, that the twin predicts nothing of."""
+    windows = [t for t in history if t.non_gear is not None and t.features.rms]
+    found: dict[float, list[tuple[float, float]]] = {}
+    for t in windows:
+        for o, a in t.non_gear.shafts if t.non_gear is not None else ():
+            found.setdefault(round(o, 6), []).append((a, 0.5 * a**2 / (t.features.rms or np.inf) ** 2))
+    return [
+        LeftLine(
+            channel="acceleration",
+            order=o,
+            size=float(np.sqrt(np.mean([a**2 for a, _ in lines]))),
+            share=float(np.mean([share for _, share in lines])),
+        )
+        for o, lines in found.items()
+        if len(lines) >= max(2, limits.windows_share * len(windows))
+    ]
+
+
+def _disc(rig: Rig, order: float, scales: Scales) -> float:
+    """What errors of the discs at their tolerances make of a line of the transmission error [m]."""
+    gear = rig.teeth[0] / rig.teeth[1]
+    pinion = scales.once_per_turn[0] if abs(order - 1) < SAME else scales.graduation[0]
+    other = scales.once_per_turn[1] if abs(order - gear) < SAME else scales.graduation[1]
+    return float(np.hypot(pinion, other))
+
+
+def _owner(rig: Rig, order: float) -> str:
+    """What a line of the shafts' own orders is, in words."""
+    z1, z2 = rig.teeth
+    if abs(order - z1 * round(order / z1)) < SAME and round(order / z1):
+        return f"mesh order {round(order / z1)}"
+    name = owner_of(order, rig.teeth, SAME)
+    if name == PINION:
+        return f"{_times(round(order))} of the pinion"
+    if name == GEAR:
+        return f"{_times(round(order * z2 / z1))} of the gear"
+    return "sideband of the mesh"
+
+
+def _times(count: int) -> str:
+    return "once a turn" if count == 1 else f"{count} times a turn"
+
+
+def sentence(
+    rig: Rig, lines: Sequence[LeftLine], history: Sequence[WindowInput], limits: ContentLeftThresholds = THRESHOLDS
+) -> str:
+    """Lines that no effect explains, by channel, in words."""
+    parts = []
+    for channel in dict.fromkeys(line.channel for line in lines):
+        own = [line for line in lines if line.channel == channel]
+        factor, unit = UNITS[channel]
+        listed = ", ".join(
+            f"order {o.order:.3f} ({_owner(rig, o.order)}) with {factor * o.size:.3g} {unit}" for o in own
+        )
+        share = 100 * min(sum(line.share for line in own), 1.0)
+        parts.append(
+            f"lines of the shafts' own orders that no effect explains make {share:.0f} % of the "
+            f"{CHANNEL_NAMES[channel]}: {listed}; {_growth(channel, own[0].order, history, limits)}{_cause(rig, own)}"
+        )
+    return "; ".join(parts)
+
+
+def _cause(rig: Rig, lines: Sequence[LeftLine]) -> str:
+    """What may make lines that one channel alone shows."""
+    of_mesh = [o for o in lines if _owner(rig, o.order).startswith("mesh")]
+    channel = lines[0].channel
+    if channel == "encoder" and not of_mesh:
+        shafts = sorted({_owner(rig, o.order).rsplit(" ", 1)[-1] for o in lines})
+        return (
+            f"; the encoders alone show it: an encoder's own disc that sits off its centre or is out of round (of the "
+            f"{' or the '.join(shafts)}) makes such lines, and no gear need be wrong"
+        )
+    if channel == "acceleration" and of_mesh:
+        return "; the accelerometer, its mount or direction, its channel, or the path to it is not that of the rig file"
+    return ""
+
+
+def _growth(channel: str, order: float, history: Sequence[WindowInput], limits: ContentLeftThresholds) -> str:
+    """How a line's measured amplitude goes over the windows."""
+    at = [(t.features.revolutions or 0.0, y) for t in history if (y := _measured(channel, order, t)) is not None]
+    if len(at) < 3:
+        return "too few windows show how it grows"
+    turns, sizes = np.array(at).T
+    if np.ptp(turns) <= 0:
+        return "too few windows show how it grows"
+    (slope, _), cov = np.polyfit(turns, sizes, 1, cov="unscaled")
+    left = sizes - np.polyval(np.polyfit(turns, sizes, 1), turns)
+    std = float(np.sqrt(cov[0, 0] * np.sum(left**2) / max(len(at) - 2, 1)))
+    mean = float(sizes.mean())
+    if abs(slope) < limits.same_size * std or abs(slope) * np.ptp(turns) < 0.1 * mean:
+        return f"its size stays the same to within {100 * max(float(sizes.std()) / mean, 0.01):.0f} %"
+    return f"its size {'grows' if slope > 0 else 'falls'} by {1e5 * abs(slope) / mean:.2g} % in 1000 revolutions"
+
+
+def _measured(channel: str, order: float, window: WindowInput) -> float | None:
+    """Amplitude of a channel's line at an order in one window; None where it was not read."""
+    features = window.features
+    by_name: Mapping[str, object] = {
+        "acceleration": features.acceleration,
+        "encoder": features.transmission_error or features.pinion_motion,
+        "torque": features.torque,
+    }
+    lines = by_name[channel]
+    if lines is None:
+        return None
+    near = [abs(y) for o, y in zip(lines.orders, lines.amplitudes, strict=True) if abs(o - order) < SAME]
+    if not near and channel == "acceleration" and window.non_gear is not None:
+        near = [a for o, a in window.non_gear.shafts if abs(o - order) < SAME]
+    return float(near[0]) if near else None
