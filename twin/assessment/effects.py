@@ -121,3 +121,4 @@ class Unexplained:
     lines: tuple[SpectralLine, ...] = ()
     reason: str = ""
     limit: float | None = None  # error on held-out windows up to which it counts as explained
+    struck: str = ""  # shaft whose turn impacts repeat with, always at the same tooth: "pinion" or "gear"

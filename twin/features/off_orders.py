@@ -185,8 +185,9 @@ class OffOrders:
 
 
 def _around(power: np.ndarray, bins: np.ndarray) -> np.ndarray:
-    """Mean power of noise near bins, from the median of AROUND; beyond the ends as at them; (n,), (m,) → (m,)."""
-    near = np.clip(bins[:, None] + np.arange(-(AROUND // 2), AROUND // 2 + 1), 0, power.size - 1)
+    """Mean power of noise near bins, from the median of AROUND, at the ends of the nearest; (n,), (m,) → (m,)."""
+    first = np.clip(bins - AROUND // 2, 0, power.size - AROUND)
+    near = first[:, None] + np.arange(AROUND)
     return np.sort(power[near], axis=1)[:, AROUND // 2] / np.log(2)
 
 

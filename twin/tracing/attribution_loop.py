@@ -68,7 +68,8 @@ def attribute_window(
         if traced.waiting or search:
             tracing = after_search(tracing, traced.waiting)
         result = joined(rig, tracing, traced, outcome, options)
-        return replace(result, tracing=with_content_left(rig, result.tracing))
+        tracing = replace(result.tracing, struck=traced.non_gear.struck_shaft)
+        return replace(result, tracing=with_content_left(rig, tracing))
 
 
 def attribute_non_gear_content(
@@ -94,6 +95,7 @@ def attribute_non_gear_content(
         found=found,
         unattributed=unattributed_lines(tracing, content),
         unknown=content.sentence(),
+        struck=content.struck_shaft,
         latest=replace(tracing.latest, reason=NON_GEAR_ONLY),
     )
     return logged(tracing, events), events

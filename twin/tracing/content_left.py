@@ -7,8 +7,9 @@ y  measured line, m predicted by the twin with all its effects, complex
 
 A line counts where it is clear of noise and of what healthy machines have: of the encoders' lines at a shaft's order,
 the discs' own errors; of mesh lines, what a structure within the rig's tolerances makes of them. The lines together
-must hold more of a channel than the error that a twin may leave and still be called explained. They are content like any
-other then, with channel, order, size and growth; what the encoders alone show may be a disc's own.
+must hold more of a channel than the error that a twin may leave and still be called explained. They are content like
+any other then, with channel, order, size and growth; what the encoders alone show may be a disc's own. Where they do
+not and the twin is not confirmed, a path to the accelerometer that is not the rig file's is what is unknown.
 
 Source   errors of graduation and mounting of discs: the rig file's tolerances; the rest is a description, not a cause
 Holds    machines whose teeth do not differ and are not cracked by what was found: these have lines at all orders
@@ -24,14 +25,16 @@ import numpy as np
 from twin.assessment import SpectralLine
 from twin.errors import TwinError
 from twin.features.shaft_orders import GEAR, PINION, owner_of
+from twin.features.window_features import MeasuredLines
 from twin.rig import Rig
 from twin.scales import Scales
 from twin.thresholds import deciding
+from twin.tracing.attribution import AttributedEffect
 from twin.tracing.confirmation import learned_factors, windows_to_compare
 from twin.tracing.held_out_error import HeldOutComparison, compare
 from twin.tracing.state import Tracing
 from twin.tracing.unexplained import VERDICT_LIMITS
-from twin.tracing.unknown_words import CHANNEL_NAMES
+from twin.tracing.unknown_words import CHANNEL_NAMES, OTHER_PATH
 from twin.updating.history import WindowInput
 
 MOST_SAID = 3  # lines of a channel in a sentence
@@ -85,7 +88,7 @@ def with_content_left(rig: Rig, tracing: Tracing, limits: ContentLeftThresholds 
         return tracing
     lines = lines_left(rig, _compared(rig, tracing), tracing.history, limits)
     if not lines:
-        return tracing
+        return _other_path(tracing)
     said = "; ".join(part for part in (tracing.unknown, sentence(rig, lines, tracing.history, limits)) if part)
     speed = next(t.features.speed_hz for t in reversed(tracing.history) if t.features.speed_hz) or 1.0
     heard = tuple(
@@ -100,7 +103,16 @@ def with_content_left(rig: Rig, tracing: Tracing, limits: ContentLeftThresholds 
     return replace(tracing, unknown=said, unattributed=(*tracing.unattributed, *heard))
 
 
-def _fills(found) -> bool:
+def _other_path(tracing: Tracing) -> Tracing:
+    """The memory with another path to the accelerometer as what is unknown, where the twin is not confirmed by it."""
+    error = None if tracing.error is None else tracing.error.waveform
+    unconfirmed = error is not None and error > VERDICT_LIMITS.held_out_error
+    if not (tracing.latest.other_structure and unconfirmed) or tracing.unknown:
+        return tracing
+    return replace(tracing, unknown=OTHER_PATH, small=tracing.small.replace(OTHER_PATH, "").strip("; "))
+
+
+def _fills(found: AttributedEffect) -> bool:
     """Whether an effect that was found has lines at all orders of a shaft by itself."""
     facts = found.addition.effect.facts
     return facts.acts_on == "teeth" or facts.separates_teeth
@@ -154,9 +166,8 @@ def _of_channel(
     z1, scales = rig.teeth[0], Scales.of(rig)
     left: dict[float, list[tuple[float, float]]] = {}
     for s in seen:
-        for o, rest, std in zip(
-            s.orders.tolist(), np.abs(s.measured - s.predicted).tolist(), s.std.tolist(), strict=True
-        ):
+        rests = np.abs(s.measured - s.predicted)
+        for o, rest, std in zip(s.orders.tolist(), rests.tolist(), s.std.tolist(), strict=True):
             left.setdefault(round(o, 6), []).append((rest, std))
     mesh = {o for o in left if abs(o - z1 * round(o / z1)) < SAME}
     of_mesh = sum(rest**2 for o in mesh for rest, _ in left[o])
@@ -226,26 +237,28 @@ def sentence(
     for channel in dict.fromkeys(line.channel for line in lines):
         own = [line for line in lines if line.channel == channel]
         factor, unit = UNITS[channel]
-        listed = ", ".join(
-            f"order {o.order:.3f} ({_owner(rig, o.order)}) with {factor * o.size:.3g} {unit}" for o in own
-        )
+        sizes = [f"order {o.order:.3f} ({_owner(rig, o.order)}) with {factor * o.size:.3g} {unit}" for o in own]
         share = 100 * min(sum(line.share for line in own), 1.0)
         parts.append(
             f"lines of the shafts' own orders that no effect explains make {share:.0f} % of the "
-            f"{CHANNEL_NAMES[channel]}: {listed}; {_growth(channel, own[0].order, history, limits)}{_cause(rig, own)}"
+            f"{CHANNEL_NAMES[channel]}: {', '.join(sizes)}; {_growth(channel, own[0].order, history, limits)}"
+            f"{_cause(rig, own, lines)}"
         )
     return "; ".join(parts)
 
 
-def _cause(rig: Rig, lines: Sequence[LeftLine]) -> str:
-    """What may make lines that one channel alone shows."""
+def _cause(rig: Rig, lines: Sequence[LeftLine], every: Sequence[LeftLine]) -> str:
+    """What may make lines of a channel, where no other channel has any.
+
+    every  lines of all channels
+    """
     of_mesh = [o for o in lines if _owner(rig, o.order).startswith("mesh")]
     channel = lines[0].channel
-    if channel == "encoder" and not of_mesh:
+    if channel == "encoder" and not of_mesh and all(line.channel == "encoder" for line in every):
         shafts = sorted({_owner(rig, o.order).rsplit(" ", 1)[-1] for o in lines})
         return (
-            f"; the encoders alone show it: an encoder's own disc that sits off its centre or is out of round (of the "
-            f"{' or the '.join(shafts)}) makes such lines, and no gear need be wrong"
+            "; no other channel shows them: the encoder's own disc, off its centre or out of round, on the shaft of "
+            f"the {' or the '.join(shafts)} makes such lines; those of a gear would show beside the mesh lines too"
         )
     if channel == "acceleration" and of_mesh:
         return "; the accelerometer, its mount or direction, its channel, or the path to it is not that of the rig file"
@@ -272,7 +285,7 @@ def _growth(channel: str, order: float, history: Sequence[WindowInput], limits: 
 def _measured(channel: str, order: float, window: WindowInput) -> float | None:
     """Amplitude of a channel's line at an order in one window; None where it was not read."""
     features = window.features
-    by_name: Mapping[str, object] = {
+    by_name: Mapping[str, MeasuredLines | None] = {
         "acceleration": features.acceleration,
         "encoder": features.transmission_error or features.pinion_motion,
         "torque": features.torque,

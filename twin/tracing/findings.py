@@ -82,6 +82,11 @@ class NonGearContent:
         several = (self.tones, self.orders, self.impacts, self.locked, self.modulated_by, self.described, self.shaft)
         return any(bool(part) for part in several)
 
+    @property
+    def struck_shaft(self) -> str:
+        """The shaft that impacts repeat with; empty where there are none, or with none."""
+        return self.struck if self.impacts and self.struck in ("pinion", "gear") else ""
+
     def sentence(self) -> str:
         """What is unknown, in words."""
         if self.described:
