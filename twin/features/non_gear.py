@@ -34,7 +34,7 @@ from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read
 from twin.features.despike import without_spikes
 from twin.features.envelope import Carrier, kurtogram, modulations, without_shaft_lines
 from twin.features.extract import WindowSignals, reference
-from twin.features.impact_turns import chance_of_turns, locked_lines
+from twin.features.impact_turns import leading_tooth, locked_lines
 from twin.features.off_orders import THRESHOLDS as OFF_ORDERS
 from twin.features.off_orders import OffOrders, WanderingTone, lines_of, wandering_tones
 from twin.features.resample import AngleSignal, on_angle
@@ -121,8 +121,8 @@ class NonGearFeatures:
     fault: str = ""  # why impacts and modulation, or part of them, are not available
     ringing: float | None = None  # frequency at which impacts ring [Hz]; None where there are none
     readings: tuple[LineReading, ...] = ()  # of tones and lines, the strongest of each channel, in every channel
-    # by shaft: probability that impacts lead at one tooth in all turns by chance; None where it turned too few times
-    turns: tuple[tuple[str, float | None], ...] = ()
+    # by shaft: P that one tooth leads in all turns by chance, None where there were too few turns, and that tooth
+    turns: tuple[tuple[str, float | None, int], ...] = ()
     shafts: tuple[tuple[float, float], ...] = ()  # strongest lines of turns, away from the mesh's: order, amplitude
     locks: tuple[tuple[float, float, float], ...] = ()  # envelope at fractions of turns: order, real, imaginary
 
@@ -143,7 +143,7 @@ class NonGearFeatures:
             fault=data.get("fault", ""),
             ringing=data.get("ringing"),
             readings=from_plain(tuple[LineReading, ...], data.get("readings", ())),
-            turns=tuple((name, chance) for name, chance in data.get("turns", ())),
+            turns=tuple(tuple(shaft) for shaft in data.get("turns", ())),
             shafts=tuple(tuple(line) for line in data.get("shafts", ())),
             locks=tuple(tuple(line) for line in data.get("locks", ())),
         )
@@ -163,7 +163,7 @@ class _Impacts:
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
     ringing: float | None = None
-    turns: tuple[tuple[str, float | None], ...] = ()
+    turns: tuple[tuple[str, float | None, int], ...] = ()
     locks: tuple[tuple[float, float, float], ...] = ()
     fault: str = ""
 
@@ -324,7 +324,7 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
     band, carrier = max(wide, key=lambda b: b.kurtosis), Carrier(rest, per_turn)
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
-    turns: tuple[tuple[str, float | None], ...] = ()
+    turns: tuple[tuple[str, float | None, int], ...] = ()
     locks: tuple[tuple[float, float, float], ...] = ()
     ringing = _ringing(rest, per_turn * speed_hz, top) if band.kurtosis > limits.rings else None
     try:
@@ -347,10 +347,10 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
 
 def _turns(
     envelope: np.ndarray, start: float, step: float, teeth: tuple[int, int]
-) -> tuple[tuple[str, float | None], ...]:
+) -> tuple[tuple[str, float | None, int], ...]:
     """Whether impacts of a squared envelope repeat with the pinion, and with the gear."""
     shafts = (("pinion", teeth[0], 1.0), ("gear", teeth[1], teeth[0] / teeth[1]))
-    return tuple((name, chance_of_turns(envelope, start, step, z, ratio)) for name, z, ratio in shafts)
+    return tuple((name, *leading_tooth(envelope, start, step, z, ratio)) for name, z, ratio in shafts)
 
 
 def _struck_orders(rates: Sequence[tuple[float, float]], teeth: tuple[int, int], width: float) -> list[float]:

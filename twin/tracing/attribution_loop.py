@@ -9,6 +9,7 @@ after each effect. When a trace is made, and with which windows: schedule.py. Wh
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 from twin.assessment import EffectEvent
@@ -81,7 +82,10 @@ def attribute_non_gear_content(
     tracing = replace(tracing, history=history, measured=tracing.measured + 1)
     if len(seen) < LEAST_WINDOWS or tracing.stages:
         return tracing, ()
-    content = non_gear.find_non_gear_content(seen, False, noise_floor=rig.tolerances.acceleration_floor)
+    floor, teeth = rig.tolerances.acceleration_floor, None
+    with suppress(NotAvailable):  # without them, no order of the mesh is known
+        teeth = rig.teeth
+    content = non_gear.find_non_gear_content(seen, False, noise_floor=floor, teeth=teeth)
     found: tuple[AttributedEffect, ...] = ()
     if content.defect is not None and "bearing_defect" not in tracing.rejected:
         found = (non_gear.attributed(content.defect),)

@@ -126,33 +126,24 @@ def detect(context: TracingContext, limits: NonGearThresholds = THRESHOLDS) -> F
         full, teeth = findings.has("pitch_error"), context.rig.teeth
         known = findings.known_orders(teeth)
         content = find_non_gear_content(context.non_gear, full, struck, floor, limits, teeth, known)
-        content = _unless_of_a_shaft(content, context, full or struck)
     found = [] if content.defect is None else [attributed(content.defect)]
     return replace(findings.adding(*found, rejected=context.rejected), non_gear=content)
 
 
 def _without_phase(context: TracingContext, floor: float, limits: NonGearThresholds) -> NonGearContent:
     """An angle that wanders makes lines at orders of no shaft by itself, and more evidence is asked of a defect."""
-    content = find_non_gear_content(context.non_gear, False, False, floor, limits)
-    content = _unless_of_a_shaft(replace(content, orders=()), context, False)
+    content = find_non_gear_content(context.non_gear, False, False, floor, limits, context.rig.teeth)
+    content = replace(content, orders=())
     if content.defect is not None and content.defect.log_evidence < limits.least_evidence_without_phase:
         return replace(content, defect=None)
     return content
 
 
-def _unless_of_a_shaft(content: NonGearContent, context: TracingContext, explained: bool) -> NonGearContent:
-    """No defect where what strikes is locked to a shaft or the mesh: it is content of these, unless that is explained.
-
-    explained  whether teeth that differ, or a crack, have been found
-    """
-    defect, teeth = content.defect, context.rig.teeth
-    if defect is None:
-        return content
-    locked = locked_to(defect.effect.order, defect.order_std, [w for _, w in context.non_gear], teeth)
-    if locked is None:
-        return content
-    whole = owner_of(locked, teeth, 1e-6) is not None
-    return NonGearContent() if whole or explained else NonGearContent(locked=locked)
+def _locked(
+    defect: BearingFinding | None, windows: Sequence[NonGearFeatures], teeth: tuple[int, int] | None
+) -> float | None:
+    """The order of a shaft or of the mesh, or a fraction of it, that what strikes is locked to; None: a bearing may."""
+    return None if defect is None or teeth is None else locked_to(defect.effect.order, defect.order_std, windows, teeth)
 
 
 def attributed(defect: BearingFinding) -> AttributedEffect:
@@ -252,6 +243,10 @@ def find_non_gear_content(
     known         orders of lines that effects found make
     """
     defect = _defect(windows, limits)
+    locked = _locked(defect, [w for _, w in windows], teeth)
+    if locked is not None and teeth is not None:
+        explained = lattice_full or struck or owner_of(locked, teeth, 1e-6) is not None
+        return NonGearContent(locked=None if explained else locked)
     tones: tuple[NonGearTone, ...] = ()
     orders: list[tuple[float, float]] = []
     impulsive: list[float] = []
@@ -284,12 +279,15 @@ def find_non_gear_content(
 
 def _struck(windows: Sequence[NonGearFeatures], limits: NonGearThresholds) -> str | None:
     """The shaft with whose turns the impacts of most windows repeat, "none" where both are excluded; None: not told."""
-    known = [dict(w.turns) for w in windows]
-    told = {name: [p for w in known if (p := w.get(name)) is not None] for name in ("pinion", "gear")}
-    for name, chances in told.items():
-        if sum(p < limits.same_tooth for p in chances) > 0.5 * len(windows):
+    told = True
+    for name in ("pinion", "gear"):
+        seen = [(chance, tooth) for w in windows for shaft, chance, tooth in w.turns if shaft == name]
+        leading = [tooth for chance, tooth in seen if chance is not None and chance < limits.same_tooth]
+        most = max((sum(abs(other - tooth) <= 1 for other in leading) for tooth in leading), default=0)
+        if most >= limits.least_windows and most > 0.5 * len(windows):
             return name
-    return "none" if all(len(chances) == len(windows) for chances in told.values()) else None
+        told = told and len(seen) == len(windows) and all(chance is not None for chance, _ in seen)
+    return "none" if told else None
 
 
 def _steady_tones(
