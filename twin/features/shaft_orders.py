@@ -2,6 +2,7 @@
 
     pinion  o = n           gear  o = n·z1/z2           mesh  o = n·z1, among both
     hunting o = n·h, h = gcd(z1, z2)/z2, n up to 3: the same two teeth meet again after z2/gcd turns of the pinion
+    fraction o = n·z1/2, n·z1/3: every second or third tooth
     mixed   o = |n·z1 ± a| or |n·z1 ± a ± b|, n from 0: two lines that are known modulate one another, or the mesh
 
 a, b  orders of lines that have been explained: run-outs, a ripple of the torque, a force on a shaft
@@ -25,7 +26,8 @@ from math import gcd
 import numpy as np
 
 HUNTING = 3  # multiples of the tooth-hunting order
-PINION, GEAR, HUNTED, MIXED = "pinion", "gear", "tooth-hunting period", "sum or difference of known lines"
+PINION, GEAR, HUNTED = "pinion", "gear", "tooth-hunting period"
+MIXED, FRACTION = "sum or difference of known lines", "fraction of the mesh order"
 
 
 def distance_from_turns(orders: np.ndarray, teeth: tuple[int, int]) -> np.ndarray:
@@ -35,7 +37,7 @@ def distance_from_turns(orders: np.ndarray, teeth: tuple[int, int]) -> np.ndarra
 
 
 def owner_of(order: float, teeth: tuple[int, int], width: float, known: Iterable[float] = ()) -> str | None:
-    """What an order belongs to: pinion, gear, their tooth-hunting period, or two known lines; None where to none.
+    """What an order belongs to, by the names above; None where to none: then it may be said to belong to no shaft.
 
     width  distance [order] within which two orders cannot be told apart
     known  orders of lines that have been explained, beside those of the mesh
@@ -48,7 +50,18 @@ def owner_of(order: float, teeth: tuple[int, int], width: float, known: Iterable
         n = max(1, round(order / unit))
         if (most is None or n <= most) and abs(order - n * unit) <= width:
             return name
-    return MIXED if _is_mixed(order, teeth[0], width, tuple(known)) else None
+    if _is_mixed(order, teeth[0], width, tuple(known)):
+        return MIXED
+    return FRACTION if fraction_of_mesh(order, teeth[0], width) else None
+
+
+def fraction_of_mesh(order: float, mesh: int, width: float) -> str:
+    """Halves and thirds of the mesh order, as "1/2"; empty where an order is none of them."""
+    for m in (2, 3):
+        k = round(m * order / mesh)
+        if k % m and abs(order - k * mesh / m) <= width:
+            return f"{k}/{m}"
+    return ""
 
 
 def fractions(teeth: tuple[int, int], lowest: float, highest: float) -> dict[float, int]:

@@ -47,6 +47,9 @@ ENCODERS = ("transmission_error", "pinion_motion")
 class ContentLeftThresholds:
     """When lines of the shafts' own orders are content that nothing explains."""
 
+    swing: float = deciding(
+        0.02, of="mean torque", meaning="amplitude of a torque line that counts", source="as for a force on a shaft"
+    )
     disc: float = deciding(
         6.0,
         of="what the discs' errors make of a line",
@@ -141,8 +144,10 @@ def lines_left(
 ) -> tuple[LeftLine, ...]:
     """Lines that nothing explains, of every channel whose lines together count, the strongest of each first."""
     out: list[LeftLine] = []
+    loads = [abs(t.features.torque_nm) for t in history if t.features.torque_nm is not None]
+    swing = limits.swing * float(np.mean(loads)) if loads else 0.0
     for channel, names in (("acceleration", ("acceleration",)), ("encoder", ENCODERS), ("torque", ("torque",))):
-        lines = _of_channel(rig, channel, names, compared, limits)
+        lines = _of_channel(rig, channel, names, compared, swing, limits)
         if channel == "acceleration":
             lines = [*lines, *_unread(history, limits)]
         lines = sorted(lines, key=lambda line: -line.share)
@@ -156,9 +161,13 @@ def _of_channel(
     channel: str,
     names: Sequence[str],
     compared: Sequence[HeldOutComparison],
+    swing: float,
     limits: ContentLeftThresholds,
 ) -> list[LeftLine]:
-    """Lines of one channel that are clear of noise and of what healthy machines have."""
+    """Lines of one channel that are clear of noise and of what healthy machines have.
+
+    swing  amplitude of a torque line that counts [N·m]
+    """
     seen = [w.channels[name] for w in compared for name in names if name in w.channels]
     energy = sum(float(np.sum(np.abs(s.measured) ** 2)) for s in seen)
     if len(seen) < 2 or energy <= 0:
@@ -178,6 +187,8 @@ def _of_channel(
         least = limits.clear * float(np.mean([std for _, std in found]))
         if channel == "encoder" and o not in mesh:
             least = max(least, limits.disc * _disc(rig, o, scales))
+        if channel == "torque":
+            least = max(least, swing)
         counts = mesh_counts if o in mesh else channel != "acceleration"
         if counts and size > least and len(found) >= limits.windows_share * len(seen):
             share = sum(rest**2 for rest, _ in found) / energy

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.features.channel_lines import LineReading
+from twin.features.shaft_orders import fraction_of_mesh
 from twin.features.window_features import MeasuredLines
 from twin.thresholds import deciding
 
@@ -306,7 +307,7 @@ def modulation_of(
     orders = np.array([d / windows[i].speed_hz for i, (d, _) in found.items()])
     clock = hertz.std() / hertz.mean() <= orders.std() / orders.mean()
     depths = [m for i, (_, lines) in found.items() if (m := _depth(windows[i], teeth, lines)) is not None]
-    if not depths:
+    if not depths or np.median(depths) > 1:  # a level does not fall below nothing
         return None, tuple(windows)
     values, mean = (hertz, hertz.mean()) if clock else (orders, orders.mean())
     left = tuple(_without(w, teeth, found[i][0]) if i in found else w for i, w in enumerate(windows))
@@ -343,7 +344,7 @@ def _sidebands(
         (i, d * w.speed_hz, d, side, r)
         for i, w in enumerate(windows)
         for r in w.readings
-        if _clearness(r, "acceleration") > limits.clear
+        if _clearness(r, "acceleration") > limits.clear and not fraction_of_mesh(r.order, teeth, w.step / w.speed_hz)
         for d, side in [_offset(r, teeth)]
     ]
     best: list[tuple[int, float, float, int, LineReading]] = []

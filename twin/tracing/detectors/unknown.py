@@ -18,7 +18,7 @@ import numpy as np
 
 from twin.effects.unknown_effect import UNITS, UnknownEffect
 from twin.errors import NotAvailable
-from twin.features.shaft_orders import owner_of
+from twin.features.shaft_orders import FRACTION, owner_of
 from twin.model import Model
 from twin.scales import Scales
 from twin.thresholds import deciding
@@ -84,6 +84,7 @@ class Unknown:
     modulation_onset: float = 0.0
     noise: tuple[str, float, float, str, float] | None = None  # kind, RMS with it and without [m/s²], words, onset
     struck: str | None = None  # the shaft that impacts repeat with
+    teeth: int | None = None  # of the pinion
     fault: AccelerometerFault | None = None
 
     @property
@@ -157,6 +158,7 @@ def find_unknown(
         modulation_onset=0.0 if modulation is None else _onset(modulation.at, windows),
         noise=_noise(context, content),
         struck=content.struck,
+        teeth=context.rig.teeth[0],
     )
 
 
@@ -182,7 +184,7 @@ def _explained(line: FollowedLine, context: TracingContext, windows: Sequence[Se
         return False
     width = max(windows[i].step / windows[i].speed_hz for i, _ in line.at)
     teeth = context.rig.teeth
-    return owner_of(line.order[0], teeth, width, context.findings.known_orders(teeth)) is not None
+    return owner_of(line.order[0], teeth, width, context.findings.known_orders(teeth)) not in (None, FRACTION)
 
 
 def _onset(at: Sequence[int], windows: Sequence[SeenWindow]) -> float:
@@ -247,7 +249,7 @@ def attributed(unknown: Unknown, windows: Sequence[SeenWindow]) -> AttributedEff
     parts = _Parts()
     if unknown.fault is not None:
         _add_fault(parts, unknown.fault)
-    _add_causes(parts, unknown.causes)
+    _add_causes(parts, unknown.causes, unknown.teeth)
     if unknown.modulation is not None:
         m = unknown.modulation
         std = m.std if m.follows == "clock" else m.std * m.frequency / m.order
@@ -290,14 +292,14 @@ def _add_fault(parts: _Parts, fault: AccelerometerFault) -> None:
     )  # fmt: skip
 
 
-def _add_causes(parts: _Parts, causes: Sequence[Cause]) -> None:
+def _add_causes(parts: _Parts, causes: Sequence[Cause], teeth: int | None) -> None:
     """Lines, the clearest cause first."""
     columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
     for number, cause in enumerate(causes, start=1):
         _add(columns, cause)
         parts.parameters |= _parameters(cause, "" if number == 1 else f"_{number}")
         unit = UNITS[cause.entry.place]
-        sentence = of_lines(cause.lines, cause.entry, cause.law, unit, cause.onset)
+        sentence = of_lines(cause.lines, cause.entry, cause.law, unit, cause.onset, teeth)
         parts.add(sentence, cause.onset, cause.log_evidence)
     parts.fields |= {name: tuple(values) for name, values in columns.items()}
     if causes:
