@@ -1,4 +1,4 @@
-""" "Of no shaft" is said of an order where all that the shafts make is excluded, and of no other."""
+"""An order is said to be of no shaft where all that the shafts make is excluded, and no other is."""
 
 from dataclasses import replace
 
