@@ -70,6 +70,7 @@ from twin.suitability import SuitabilityLimits
 from twin.thresholds import ThresholdRow, rows_of
 from twin.tracing.accelerometer_fault import AccelerometerFaultThresholds
 from twin.tracing.change_detection import ChangeLimits
+from twin.tracing.content_left import ContentLeftThresholds
 from twin.tracing.context import WindowThresholds
 from twin.tracing.crack_growth import CrackGrowthThresholds
 from twin.tracing.detectors.crack import CrackThresholds
@@ -92,6 +93,7 @@ from twin.tracing.mesh_laws import MeshLawThresholds
 from twin.tracing.mesh_pruning import PruningThresholds
 from twin.tracing.mesh_windows import OnsetThresholds
 from twin.tracing.moved_lines import MovedLineLimits
+from twin.tracing.phase_lock import PhaseLockThresholds
 from twin.tracing.remounts import RemountLimits
 from twin.tracing.scatter import LineScatter
 from twin.tracing.schedule import ScheduleLimits
@@ -200,6 +202,8 @@ SETS: tuple[type, ...] = (
     UnknownThresholds,
     UnknownLineThresholds,
     EntryThresholds,
+    ContentLeftThresholds,
+    PhaseLockThresholds,
     ShaftRemainderThresholds,
     UnnamedThresholds,
     MeanStepThresholds,

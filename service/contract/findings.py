@@ -10,6 +10,7 @@
 | any other effect, or a change against a baseline | watch |
 | an effect of whatever class whose cause is preliminary (estimated structure), not accepted | watch |
 | content that no effect makes (`unknown_effect`) | watch |
+| impacts of no name, always at the same tooth of a shaft | alarm |
 | the wear depth is beyond the validity of the model | watch |
 | an inspection contradicts the windows | watch |
 | the encoders contradict the stated ratio | watch |
@@ -191,9 +192,11 @@ def _unknown(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
         share = "" if rest.share is None else f" ({100 * rest.share:.2g} % of the measured energy)"
         yield Finding(
             subject="unexplained",
-            level="watch",
+            level="alarm" if rest.struck else "watch",
             reason=sentence(f"The vibration has a cause that no effect explains{share}: {rest.reason}"),
-            action="Find the cause of the unexplained vibration: look for what runs at these frequencies nearby.",
+            action=f"Stop the machine, and inspect the teeth of the {rest.struck} and what turns with it."
+            if rest.struck
+            else "Find the cause of the unexplained vibration: look for what runs at these frequencies nearby.",
         )
 
 

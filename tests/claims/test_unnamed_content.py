@@ -246,4 +246,4 @@ def test_pairs_about_a_mesh_line_are_its_sidebands_and_no_lines_of_their_own():
 
     pair, alone = ((38.4, 0.5), (37.6, 0.45)), ((38.4, 0.5),)
     seen = [[(1000.0 * n, beside(lines=lines)) for n in range(5)] for lines in (pair, alone)]
-    assert [find_non_gear_content(w, False, teeth=19).orders for w in seen] == [(), alone]
+    assert [find_non_gear_content(w, False, teeth=TEETH).orders for w in seen] == [(), alone]

@@ -132,3 +132,4 @@ class Unexplained:
     lines: tuple[SpectralLine, ...] = ()
     reason: str = ""
     limits: HealthyErrors = field(default_factory=HealthyErrors)  # held-out errors up to which it counts as explained
+    struck: str = ""  # shaft whose turn impacts repeat with, always at the same tooth: "pinion" or "gear"

@@ -107,7 +107,7 @@ def answer_of(
         life=life,
         residual=residual_over(recent),
         effects=effects_of(rig, tracing),
-        unexplained=with_unknown_content(tracing, unexplained),
+        unexplained=with_unknown_content(tracing, replace(unexplained, struck=tracing.struck)),
         calibration=calibration_of(rig, outcome.memory),
         attribution=attribution_of(tracing),
     )

@@ -26,6 +26,6 @@ def assess(context: Context, draft: Draft) -> Draft:
         return draft
     return draft.with_parts(
         effects=effects_of(context.rig, tracing),
-        unexplained=with_unknown_content(tracing, draft.assessment.unexplained),
+        unexplained=with_unknown_content(tracing, replace(draft.assessment.unexplained, struck=tracing.struck)),
         attribution=attribution_of(tracing),
     )

@@ -25,7 +25,8 @@ from scipy import fft
 from twin.features.gaps import filled, taper
 from twin.features.transforms import hann
 
-REACH = 32  # bins to either side that a line is read among
+REACH = 32  # bins to either side that a line is read among, fewer near the ends of the spectrum
+LEAST_REACH = 6  # three times half of Hann's main lobe
 SHIFT = 3.0  # bins by which a line may lie beside where it is looked for
 FINE = 25  # frequencies tried a bin, and again about the best
 BESIDE = 0.7  # bins that a line lies beside any line of a shaft at least
@@ -89,10 +90,11 @@ class ChannelRecord:
         """The channel round a frequency [Hz]; None where the spectrum ends."""
         rate = frequency / speed_hz / (2 * pi) if self.by_angle else frequency  # cycles a rad, or a second
         middle = round(rate * self.step * self.size)
-        if middle - REACH < 1 or middle + REACH >= self.spectrum.size:
+        reach = min(REACH, middle - 1, self.spectrum.size - middle - 1)
+        if reach < LEAST_REACH:
             return None
-        m = 2 * REACH + 1
-        y = self.spectrum[middle - REACH : middle + REACH + 1]
+        m = 2 * reach + 1
+        y = self.spectrum[middle - reach : middle + reach + 1]
         at = np.arange(m) * (self.size / m)
         place = self.start + self.step * at
         low, high = (self.angle, self.time) if self.by_angle else (self.time, self.angle)

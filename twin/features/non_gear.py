@@ -34,9 +34,11 @@ from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read
 from twin.features.despike import without_spikes
 from twin.features.envelope import Carrier, kurtogram, modulations, without_shaft_lines
 from twin.features.extract import WindowSignals, reference
+from twin.features.impact_turns import leading_tooth, locked_lines
 from twin.features.off_orders import THRESHOLDS as OFF_ORDERS
 from twin.features.off_orders import OffOrders, WanderingTone, lines_of, wandering_tones
 from twin.features.resample import AngleSignal, on_angle
+from twin.features.shaft_orders import fractions, owner_of
 from twin.features.tones import CLOSE, Tone, window_tones
 from twin.features.transforms import power_of
 from twin.rig import Rig
@@ -48,7 +50,10 @@ TUNED = "tuned on D00–D13 and T01–T58; not derived"
 RINGING_WIDTH = 60.0  # of the bands among which the frequency that impacts ring at is sought [Hz]
 MOST_READ = 16  # lines of no shaft that are read from every channel of a window
 HIGHEST_OTHER = 60.0  # order of the pinion up to which transmission error and torque are searched
+BESIDE_MESH = 2.5  # orders beside a mesh line whose lines are read as its sidebands (twin/features/lines.py)
+MOST_OF_SHAFTS = 6  # lines of turns that are kept
 FEWEST_PULSES = 16  # from which a scatter is computed
+SOUGHT = (0.3, 12.0)  # orders of the pinion among which a bearing defect is searched for
 SCATTER = 20.0  # of a third difference over that of a pulse: 1² + 3² + 3² + 1²
 
 
@@ -116,6 +121,10 @@ class NonGearFeatures:
     fault: str = ""  # why impacts and modulation, or part of them, are not available
     ringing: float | None = None  # frequency at which impacts ring [Hz]; None where there are none
     readings: tuple[LineReading, ...] = ()  # of tones and lines, the strongest of each channel, in every channel
+    # by shaft: P that one tooth leads in all turns by chance, None where there were too few turns, and that tooth
+    turns: tuple[tuple[str, float | None, int], ...] = ()
+    shafts: tuple[tuple[float, float], ...] = ()  # strongest lines of turns, away from the mesh's: order, amplitude
+    locks: tuple[tuple[float, float, float], ...] = ()  # envelope at fractions of turns: order, real, imaginary
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""
@@ -134,6 +143,9 @@ class NonGearFeatures:
             fault=data.get("fault", ""),
             ringing=data.get("ringing"),
             readings=from_plain(tuple[LineReading, ...], data.get("readings", ())),
+            turns=tuple(tuple(shaft) for shaft in data.get("turns", ())),
+            shafts=tuple(tuple(line) for line in data.get("shafts", ())),
+            locks=tuple(tuple(line) for line in data.get("locks", ())),
         )
 
     def as_tones(self) -> tuple[Tone, ...]:
@@ -151,6 +163,8 @@ class _Impacts:
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
     ringing: float | None = None
+    turns: tuple[tuple[str, float | None, int], ...] = ()
+    locks: tuple[tuple[float, float, float], ...] = ()
     fault: str = ""
 
 
@@ -199,6 +213,9 @@ def non_gear_features(
         rates=impacts.rates,
         swelling=impacts.modulation,
         ringing=impacts.ringing,
+        turns=impacts.turns,
+        shafts=seen.of_shafts(rig.teeth, BESIDE_MESH, MOST_OF_SHAFTS),
+        locks=impacts.locks,
         fault=impacts.fault,
     )
 
@@ -284,9 +301,10 @@ def timing_error(window: Window, source: str) -> float:
 def _may_be_of_a_shaft(tone: Tone, teeth: tuple[int, int], speed_hz: float, step: float, error: float) -> bool:
     """Whether a tone lies at an order of a shaft, and the angle is too uncertain to tell the two apart."""
     order, tolerance = tone.frequency / speed_hz, CLOSE * step / speed_hz
-    gear = teeth[0] / teeth[1]
-    apart = min(abs(order - round(order)), abs(order - gear * round(order / gear)))
-    return apart < tolerance and 2 * pi * tone.frequency * error * abs(tone.amplitude) > tone.std
+    return (
+        owner_of(order, teeth, tolerance) is not None
+        and 2 * pi * tone.frequency * error * abs(tone.amplitude) > tone.std
+    )
 
 
 def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeatureThresholds) -> _Impacts:
@@ -296,7 +314,8 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
     shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
     top, per_turn = rig.band[1], 2 * pi / signal.step
     try:
-        rest = without_shaft_lines(signal, rig.teeth).values
+        middle = without_shaft_lines(signal, rig.teeth)
+        rest = middle.values
         wide = kurtogram(rest, per_turn, wider_than=limits.least_width * top / speed_hz)
     except TwinError as reason:
         return _Impacts(fault=f"impacts are not searched for: {reason}")
@@ -305,6 +324,8 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
     band, carrier = max(wide, key=lambda b: b.kurtosis), Carrier(rest, per_turn)
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
+    turns: tuple[tuple[str, float | None, int], ...] = ()
+    locks: tuple[tuple[float, float, float], ...] = ()
     ringing = _ringing(rest, per_turn * speed_hz, top) if band.kurtosis > limits.rings else None
     try:
         noise = (limits.noise_from * top / speed_hz, 0.45 * per_turn)
@@ -312,10 +333,30 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
         if band.kurtosis > limits.impulsive:
             seen = modulations(carrier, (band.low, band.high), shafts, 1e-3)
             rates = tuple((float(m.rate), float(m.depth)) for m in seen if m.shaft is None)
+            _, envelope = carrier.squared_envelope((band.low, band.high))
+            grid = (middle.start, middle.step * rest.size / envelope.size)
+            turns = _turns(envelope, *grid, rig.teeth)
+            locks = locked_lines(envelope, *grid, _struck_orders(rates, rig.teeth, 2 / carrier.duration))
     except TwinError as reason:
         fault = f"the envelope is not examined: {reason}"
         return _Impacts(kurtosis=float(band.kurtosis), modulation=modulation, ringing=ringing, fault=fault)
-    return _Impacts(kurtosis=float(band.kurtosis), rates=rates, modulation=modulation, ringing=ringing)
+    return _Impacts(
+        kurtosis=float(band.kurtosis), rates=rates, modulation=modulation, ringing=ringing, turns=turns, locks=locks
+    )
+
+
+def _turns(
+    envelope: np.ndarray, start: float, step: float, teeth: tuple[int, int]
+) -> tuple[tuple[str, float | None, int], ...]:
+    """Whether impacts of a squared envelope repeat with the pinion, and with the gear."""
+    shafts = (("pinion", teeth[0], 1.0), ("gear", teeth[1], teeth[0] / teeth[1]))
+    return tuple((name, *leading_tooth(envelope, start, step, z, ratio)) for name, z, ratio in shafts)
+
+
+def _struck_orders(rates: Sequence[tuple[float, float]], teeth: tuple[int, int], width: float) -> list[float]:
+    """Fractions of turns and mesh, a multiple of which is near a rate of impacts, within a width [order]."""
+    tried = fractions(teeth, *SOUGHT)
+    return [o for o in tried if any(abs(rate - o * max(1, round(rate / o))) < width for rate, _ in rates)]
 
 
 def _ringing(values: np.ndarray, rate: float, top: float) -> float:

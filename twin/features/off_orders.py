@@ -9,7 +9,8 @@ n   bins of the span, m of them at orders of no shaft;  s  sum of P over the bin
 A tone that runs through 27 Hz of a window of 2.5 s fills 67 steps of resolution: it raises the median of the bins near
 it and is no peak; against the median of a quarter of its frequency it stands out as a steady one of its power does.
 
-Lines near a strong mesh line are its own skirt, where the speed wanders; they are left out.
+Lines near a strong mesh line are its own skirt, where the speed wanders; lines beside any strong line of a shaft are
+what Hann's window leaves of it. Both are left out.
 
 Source   F. J. Harris, Proc. IEEE 66 (1978) 51–83 (equivalent noise bandwidth of Hann's window: s = 1.5 a step)
 Limits   a tone that runs through a mesh line's skirt is seen beside it only
@@ -26,6 +27,7 @@ from scipy.ndimage import maximum_filter1d
 
 from twin.features.channel_lines import LineReading
 from twin.features.resample import AngleSignal
+from twin.features.shaft_orders import distance_from_turns
 from twin.features.transforms import hann, power_of
 from twin.thresholds import deciding
 
@@ -111,6 +113,7 @@ class OffOrders:
     speed_hz: float
     mesh_orders: np.ndarray  # (k,)
     mesh: np.ndarray  # amplitude of each mesh line (k,)
+    beside: np.ndarray  # largest amplitude at an order of a shaft within `from_mesh` of every bin (n,)
     timing_error: float  # of a turn, by the pulses that the angle comes from [s]
 
     @classmethod
@@ -132,10 +135,10 @@ class OffOrders:
         turns = v.size * signal.step / (2 * pi)
         power = power_of(spectrum[: min(spectrum.size, int(top / speed_hz / step))])
         order = step * np.arange(power.size)
-        z1, gear = teeth[0], teeth[0] / teeth[1]
-        from_shaft = np.minimum(np.abs(order - np.rint(order)), np.abs(order - gear * np.rint(order / gear)))
+        z1, from_shaft = teeth[0], distance_from_turns(order, teeth)
         from_mesh = np.abs(order - z1 * np.rint(order / z1))
         free = (from_shaft > limits.from_shaft / turns) & (from_mesh > limits.from_mesh / turns) & (order > 0.5)
+        reach = 2 * round(limits.from_mesh * length / v.size) + 1
         at = np.array(MESH_HARMONICS) * z1
         mesh = [power[max(0, round(o / step) - 3) : round(o / step) + 4].max(initial=0.0) for o in at.tolist()]
         return cls(
@@ -147,19 +150,44 @@ class OffOrders:
             speed_hz=speed_hz,
             mesh_orders=at,
             mesh=np.sqrt(mesh),
+            beside=np.sqrt(maximum_filter1d(np.where(free, 0.0, power), reach, mode="nearest")),
             timing_error=timing_error,
         )
 
+    def of_shafts(self, teeth: tuple[int, int], beside_mesh: float, most: int) -> tuple[tuple[float, float], ...]:
+        """The strongest lines at multiples of either shaft's turn, away from mesh lines: order, amplitude.
+
+        beside_mesh  orders to either side of a mesh line that are left out
+        """
+        z1, gear = teeth[0], teeth[0] / teeth[1]
+        top = float(self.order[-1])
+        orders = np.concatenate([np.arange(1, int(top) + 1), gear * np.arange(1, int(top / gear) + 1)])
+        orders = np.unique(np.round(orders, 9))
+        orders = orders[np.abs(orders - z1 * np.rint(orders / z1)) > beside_mesh]
+        at = np.rint(orders / self.order[1]).astype(int)
+        at = at[at < self.order.size - 1]
+        power = np.max([self.power[at - 1], self.power[at], self.power[at + 1]], axis=0)
+        strongest = np.argsort(-power)
+        out: list[tuple[float, float]] = []
+        for i in strongest.tolist():
+            if all(abs(orders[i] - o) * self.turns > BANDWIDTH for o, _ in out):
+                out.append((float(orders[i]), float(np.sqrt(power[i]))))
+            if len(out) == most:
+                break
+        return tuple(out)
+
     def skirt(self, order: float, limits: OffOrderThresholds = THRESHOLDS) -> float:
-        """Amplitude up to which a bin is the skirt of a mesh line near it."""
+        """Amplitude up to which a bin is the skirt of a mesh line near it, or of another line of a shaft close by."""
+        close = limits.of_mesh * float(self.beside[min(round(order / self.order[1]), self.order.size - 1)])
         near = np.abs(self.mesh_orders - order) < limits.near_mesh
         blurred = 2 * pi * self.mesh_orders[near] * self.speed_hz * self.timing_error
-        return float((np.maximum(limits.of_mesh, blurred) * self.mesh[near]).max(initial=0.0))
+        return float((np.maximum(limits.of_mesh, blurred) * self.mesh[near]).max(initial=close))
 
 
 def _around(power: np.ndarray, bins: np.ndarray) -> np.ndarray:
-    """Mean power of noise near bins, from the median of AROUND; beyond the ends as at them; (n,), (m,) → (m,)."""
-    near = np.clip(bins[:, None] + np.arange(-(AROUND // 2), AROUND // 2 + 1), 0, power.size - 1)
+    """Mean power of noise near bins, from the median of AROUND, at the ends of the nearest; (n,), (m,) → (m,)."""
+    first = np.clip(bins - AROUND // 2, 0, power.size - AROUND)
+    near = first[:, None] + np.arange(AROUND)
     return np.sort(power[near], axis=1)[:, AROUND // 2] / np.log(2)
 
 

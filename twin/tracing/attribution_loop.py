@@ -8,6 +8,7 @@ after each effect. When a trace is made, and with which windows: schedule.py. Wh
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 from twin.assessment import EffectEvent
@@ -17,6 +18,7 @@ from twin.rig import Rig
 from twin.scales import Scales
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.change_detection import change_indicators, is_new, widened
+from twin.tracing.content_left import with_content_left
 from twin.tracing.decisions import Decision
 from twin.tracing.detectors import non_gear
 from twin.tracing.earned import asked_again, refusal_of, refused, with_errors
@@ -66,7 +68,9 @@ def attribute_window(
             return LoopResult(tracing=tracing, outcome=outcome)
         if traced.waiting or search:
             tracing = after_search(tracing, traced.waiting)
-        return joined(rig, tracing, traced, outcome, options)
+        result = joined(rig, tracing, traced, outcome, options)
+        tracing = replace(result.tracing, struck=traced.non_gear.struck_shaft)
+        return replace(result, tracing=with_content_left(rig, tracing))
 
 
 def attribute_non_gear_content(
@@ -78,7 +82,10 @@ def attribute_non_gear_content(
     tracing = replace(tracing, history=history, measured=tracing.measured + 1)
     if len(seen) < LEAST_WINDOWS or tracing.stages:
         return tracing, ()
-    content = non_gear.find_non_gear_content(seen, False, noise_floor=rig.tolerances.acceleration_floor)
+    floor, teeth = rig.tolerances.acceleration_floor, None
+    with suppress(NotAvailable):  # without them, no order of the mesh is known
+        teeth = rig.teeth
+    content = non_gear.find_non_gear_content(seen, False, noise_floor=floor, teeth=teeth)
     found: tuple[AttributedEffect, ...] = ()
     if content.defect is not None and "bearing_defect" not in tracing.rejected:
         found = (non_gear.attributed(content.defect),)
@@ -99,6 +106,7 @@ def attribute_non_gear_content(
         errors=tuple(e for f, e in zip(judged.found, judged.errors, strict=True) if f.name not in gone),
         unattributed=unattributed_lines(tracing, content),
         unknown=content.sentence(),
+        struck=content.struck_shaft,
         latest=replace(tracing.latest, reason=NON_GEAR_ONLY),
     )
     return logged(tracing, events), events

@@ -396,6 +396,11 @@ def _one(
     return with_unknown(rig, memory, compared, every, additions, window, torque)
 
 
+def in_use(rig: Rig, tracing: Tracing) -> list[HeldOutComparison]:
+    """The held-out windows that the twin in use can predict, compared with it."""
+    return list(_compared(rig, tracing, *_windows(rig, tracing, None), tracing.found).values())
+
+
 def _residual(rig: Rig, tracing: Tracing, whole: Mapping[int, HeldOutComparison]) -> HeldOutResidual | None:
     """The residual of the newest window that the twin without effects and the twin in use can both predict."""
     if not tracing.found:

@@ -49,6 +49,15 @@ class BearingFinding:
     log_evidence: float
 
 
+OF_TEETH = "of teeth or of what turns with the shafts, not of a bearing, which slips"
+IMPACTS = {  # by the shaft that they repeat with
+    "pinion": "impacts once a turn of the pinion, always at the same tooth: a tooth or another part of the pinion",
+    "gear": "impacts once a turn of the gear, always at the same tooth: a tooth or another part of the gear",
+    "none": "impacts that repeat with no turn of pinion or gear",
+    None: "impacts of which the windows do not tell whether they repeat with a shaft",
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NonGearContent:
     """Vibration that no gear makes, over all windows."""
@@ -57,6 +66,8 @@ class NonGearContent:
     tones: tuple[NonGearTone, ...] = ()
     orders: tuple[tuple[float, float], ...] = ()  # lines that belong to no shaft: order, amplitude [m/s²]
     impacts: bool = False  # irregular ones
+    struck: str | None = None  # the shaft that they repeat with, "none" where both are excluded; None: not told
+    locked: float | None = None  # order of impacts that are locked to a shaft or the mesh, though no turn makes it
     modulated_by: str | None = None  # the shaft whose turn modulates the broadband noise, though no tooth strikes
     first: float | None = None  # revolutions of the first window with any of the unknown ones
     not_available: tuple[tuple[str, int], ...] = ()  # why part of a window could not be examined, and in how many
@@ -68,19 +79,27 @@ class NonGearContent:
 
     @property
     def unknown(self) -> bool:
-        return bool(self.tones or self.orders or self.impacts or self.modulated_by or self.described or self.shaft)
+        several = (self.tones, self.orders, self.impacts, self.locked, self.modulated_by, self.described, self.shaft)
+        return any(bool(part) for part in several)
+
+    @property
+    def struck_shaft(self) -> str:
+        """The shaft that impacts repeat with; empty where there are none, or with none."""
+        return self.struck if self.impacts and self.struck in ("pinion", "gear") else ""
 
     def sentence(self) -> str:
         """What is unknown, in words."""
         if self.described:
             return "; ".join(part for part in (self.described, self.shaft) if part)
         parts = [self.shaft] if self.shaft else []
+        if self.locked:
+            parts.append(f"impacts at order {self.locked:.3f} of the pinion, locked in phase to its angle: {OF_TEETH}")
         if self.tones:
             parts.append("tones of fixed frequency: " + ", ".join(f"{t.frequency:.2f} Hz" for t in self.tones))
         if self.orders:
             parts.append("lines at orders that belong to no shaft: " + ", ".join(f"{o:.3f}" for o, _ in self.orders))
         if self.impacts:
-            parts.append("impacts that repeat with no shaft")
+            parts.append(IMPACTS[self.struck])
         if self.modulated_by:
             parts.append(f"broadband noise modulated by every turn of the {self.modulated_by}, as where something rubs")
         return "; ".join(parts)
@@ -128,6 +147,15 @@ class Findings:
     def tooth_errors(self) -> tuple[AttributedEffect, ...]:
         """The effects found by which teeth differ from one another: their lines are at all orders of both shafts."""
         return tuple(f for f in self.effects if f.addition.effect.facts.acts_on == "teeth")
+
+    def known_orders(self, teeth: tuple[int, int]) -> tuple[float, ...]:
+        """Orders of the pinion, rising, at which effects that make one line were found: run-outs, forces on a shaft."""
+        out = set()
+        for effect in (item.addition.effect for item in self.effects):
+            if effect.signature.shape in ("run_out", "one_order"):
+                own = {teeth[0] / teeth[1] if shaft == "gear" else 1.0 for shaft in effect.signature.shafts}
+                out |= {float(effect.order)} if hasattr(effect, "order") else own
+        return tuple(sorted(out))
 
     def force(self, channel: str) -> ShaftForce | None:
         """The first suspected force that this channel shows."""

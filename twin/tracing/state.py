@@ -131,6 +131,7 @@ class Tracing:
     unattributed: tuple[SpectralLine, ...] = ()  # lines that no gear makes
     unknown: str = ""  # what has no name, in words
     small: str = ""  # what stands clear, has no name and is small, in words
+    struck: str = ""  # shaft whose turn impacts of no name repeat with: "pinion" or "gear"
     latest: TraceSummary = field(default_factory=TraceSummary)
     log: tuple[EffectEvent, ...] = ()
 
@@ -206,6 +207,7 @@ _TYPED: dict[str, Any] = {
     "unattributed": tuple[SpectralLine, ...],
     "unknown": str,
     "small": str,
+    "struck": str,
     "latest": TraceSummary,
     "log": tuple[EffectEvent, ...],
 }

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from twin.tracing.findings import AccelerometerFault
+from twin.features.shaft_orders import fraction_of_mesh
+from twin.tracing.findings import IMPACTS, AccelerometerFault
 from twin.tracing.mean_step import MeanStep
 from twin.tracing.shaft_remainder import ShaftLine
 from twin.tracing.unknown_entry import Entry, Law
@@ -37,6 +38,8 @@ LAW_NAMES = {
     "speed": "its level grows with the square of the speed",
     "growth": "its level grows with the revolutions",
 }
+NTH = {"2": "second", "3": "third"}
+OF_MESH = 0.02  # orders beside a half or third of the mesh order that are one
 OTHER_PATH = (
     "the acceleration over the transmission error is that of another structure than the rig file's, at each mesh line "
     "by another factor, beyond its tolerances: the path from the mesh to the accelerometer (a bearing or its seat, the "
@@ -45,13 +48,18 @@ OTHER_PATH = (
 SMALL = {"m": (1e6, "µm"), "N": (1.0, "N"), "N·m": (1.0, "N·m"), "m/s²": (1.0, "m/s²")}
 
 
-def of_lines(lines: Sequence[FollowedLine], entry: Entry, law: Law, unit: str, onset: float) -> str:
-    """Lines of one cause in one or two sentences."""
+def of_lines(
+    lines: Sequence[FollowedLine], entry: Entry, law: Law, unit: str, onset: float, teeth: int | None = None
+) -> str:
+    """Lines of one cause in one or two sentences.
+
+    teeth  of the pinion, where they are known
+    """
     first = lines[0]
     factor, shown = SMALL[unit]
     size = f"{factor * law.levels[0]:.3g} ± {factor * law.stds[0]:.1g} {shown}"
     return (
-        f"{_what(lines)}, of unknown cause; {_where(entry, first)}, with {size} at "
+        f"{_what(lines, teeth)}, of unknown cause; {_where(entry, first)}, with {size} at "
         f"{_at(first)}; {_how(law)}; {_since(onset)}"
     )
 
@@ -60,10 +68,12 @@ def _at(line: FollowedLine) -> str:
     return f"order {line.order[0]:.3f}" if line.follows == "angle" else f"{line.frequency[0]:.2f} Hz"
 
 
-def _what(lines: Sequence[FollowedLine]) -> str:
+def _what(lines: Sequence[FollowedLine], teeth: int | None) -> str:
     first, more = lines[0], ", ".join(_at(line) for line in lines[1:])
     if first.follows == "angle":
-        text = f"a line at order {first.order[0]:.3f} of the pinion, which belongs to no shaft"
+        fraction = "" if teeth is None else fraction_of_mesh(first.order[0], teeth, OF_MESH)
+        whose = f"{fraction} of the mesh order, as of every {NTH[fraction[-1]]} tooth" if fraction else ""
+        text = f"a line at order {first.order[0]:.3f} of the pinion, {whose or 'which belongs to no shaft'}"
     elif first.follows == "clock":
         text = f"a tone of {first.frequency[0]:.2f} Hz that does not follow the speed"
     else:
@@ -134,10 +144,13 @@ def of_fault(fault: AccelerometerFault) -> str:
     return f"{' and '.join(parts)}; {_since(fault.onset)}"
 
 
-def of_noise(kind: str, level: float, detail: str, onset: float) -> str:
-    """Impacts or a rub in a sentence."""
+def of_noise(kind: str, level: float, detail: str, onset: float, struck: str | None = None) -> str:
+    """Impacts or a rub in a sentence.
+
+    struck  the shaft that impacts repeat with, as in `NonGearContent`
+    """
     what = {
-        "impacts": "impacts that repeat with no shaft",
+        "impacts": IMPACTS[struck],
         "pinion": "broadband noise modulated by every turn of the pinion, as where something rubs",
         "gear": "broadband noise modulated by every turn of the gear, as where something rubs",
     }[kind]

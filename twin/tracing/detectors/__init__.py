@@ -54,7 +54,9 @@ DETECTORS = (
     Detector(name="shaft_forces", detect=shaft_forces.detect),
     Detector(name="tooth_errors", detect=tooth_errors.detect, consults=("shaft_forces",)),
     Detector(name="crack", detect=crack.detect, consults=("shaft_forces", "tooth_errors")),
-    Detector(name="non_gear", detect=non_gear.detect, needs_phase=False, consults=TEETH),
+    Detector(
+        name="non_gear", detect=non_gear.detect, needs_phase=False, consults=(*TEETH, "eccentricity", "shaft_forces")
+    ),
     Detector(name="eccentricity", detect=eccentricity.detect, consults=(*TEETH, "shaft_forces")),
     Detector(name="mesh", detect=mesh.detect, consults=(*TEETH, "sensor")),
     Detector(
@@ -75,6 +77,6 @@ DETECTORS = (
         name="unknown",
         detect=unknown.detect,
         needs_phase=False,
-        consults=(*TEETH, "non_gear", "shaft_forces", "sensor"),
+        consults=(*TEETH, "non_gear", "eccentricity", "shaft_forces", "sensor"),
     ),
 )

@@ -23,13 +23,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.effects.bearing_defect import BearingDefect
-from twin.features.non_gear import NonGearFeatures
+from twin.features.non_gear import SOUGHT, NonGearFeatures
+from twin.features.shaft_orders import owner_of
 from twin.features.tones import NonGearTone, non_gear_tones
 from twin.rig_tolerances import Tolerances
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext
 from twin.tracing.findings import BearingFinding, Findings, NonGearContent
+from twin.tracing.phase_lock import locked_to
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
 NOISE_FLOOR = Tolerances().acceleration_floor  # of a machine whose rig file states none [m/s²]
@@ -45,7 +47,7 @@ class NonGearThresholds:
         0.012, meaning="relative difference of a rate to a multiple of an order that is the same", source=TUNED
     )
     sought_orders: tuple[float, float] = deciding(
-        (0.3, 12.0),
+        SOUGHT,
         meaning="orders of the pinion among which a bearing defect is searched for",
         source="races of bearings of up to 20 elements on either shaft: 0.4 to 0.6 of their number, in turns of theirs",
     )
@@ -63,12 +65,6 @@ class NonGearThresholds:
         unit="nat",
         meaning="evidence of a defect where the mesh phase is unknown and the angle wanders",
         source="between two observed values on judged campaigns: 49 of no defect, 64 of a small one",
-    )
-    shaft_tolerance: float = deciding(
-        0.02,
-        unit="order",
-        meaning="distance to a whole order of the pinion, where a tooth strikes",
-        source=TUNED,
     )
     repetitions: float = deciding(
         100.0,
@@ -105,6 +101,11 @@ class NonGearThresholds:
         source="tuned on clean draw 2: speeds that wander make pairs within 1.4",
     )
     impact_kurtosis: float = deciding(20.0, meaning="kurtosis of irregular impacts", source=TUNED)
+    same_tooth: float = deciding(
+        1e-3,
+        meaning="probability that the same tooth leads in all turns by chance, below which impacts repeat with a shaft",
+        source="convention; half of the windows must show it",
+    )
     modulation_depth: float = deciding(
         0.9,
         meaning="depth of a broadband modulation that a rub makes",
@@ -122,28 +123,27 @@ def detect(context: TracingContext, limits: NonGearThresholds = THRESHOLDS) -> F
         content = _without_phase(context, floor, limits)
     else:
         struck = findings.has("tooth_crack")
-        full, teeth = findings.has("pitch_error"), context.rig.teeth[0]
-        content = find_non_gear_content(context.non_gear, full, struck, floor, limits, teeth)
-        content = _unless_of_a_shaft(content, limits)
+        full, teeth = findings.has("pitch_error"), context.rig.teeth
+        known = findings.known_orders(teeth)
+        content = find_non_gear_content(context.non_gear, full, struck, floor, limits, teeth, known)
     found = [] if content.defect is None else [attributed(content.defect)]
     return replace(findings.adding(*found, rejected=context.rejected), non_gear=content)
 
 
 def _without_phase(context: TracingContext, floor: float, limits: NonGearThresholds) -> NonGearContent:
     """An angle that wanders makes lines at orders of no shaft by itself, and more evidence is asked of a defect."""
-    content = find_non_gear_content(context.non_gear, False, False, floor, limits)
-    content = _unless_of_a_shaft(replace(content, orders=()), limits)
+    content = find_non_gear_content(context.non_gear, False, False, floor, limits, context.rig.teeth)
+    content = replace(content, orders=())
     if content.defect is not None and content.defect.log_evidence < limits.least_evidence_without_phase:
         return replace(content, defect=None)
     return content
 
 
-def _unless_of_a_shaft(content: NonGearContent, limits: NonGearThresholds) -> NonGearContent:
-    """Nothing at all where the defect repeats with the pinion: what strikes then is a tooth."""
-    defect = content.defect
-    if defect is not None and abs(defect.effect.order - round(defect.effect.order)) < limits.shaft_tolerance:
-        return NonGearContent()
-    return content
+def _locked(
+    defect: BearingFinding | None, windows: Sequence[NonGearFeatures], teeth: tuple[int, int] | None
+) -> float | None:
+    """The order of a shaft or of the mesh, or a fraction of it, that what strikes is locked to; None: a bearing may."""
+    return None if defect is None or teeth is None else locked_to(defect.effect.order, defect.order_std, windows, teeth)
 
 
 def attributed(defect: BearingFinding) -> AttributedEffect:
@@ -231,23 +231,29 @@ def find_non_gear_content(
     struck: bool = False,
     noise_floor: float = NOISE_FLOOR,
     limits: NonGearThresholds = THRESHOLDS,
-    teeth: int | None = None,
+    teeth: tuple[int, int] | None = None,
+    known: Sequence[float] = (),
 ) -> NonGearContent:
     """Non-gear content of all windows, given with their revolutions.
 
     lattice_full  whether teeth differ so much that their own lines fill the spectrum between the shafts' orders
     struck        whether a cracked tooth strikes already
     noise_floor   amplitude of an acceleration line below which nothing is read [m/s²]
-    teeth         of the pinion; None where they are not known
+    teeth         of both gears; None where they are not known
+    known         orders of lines that effects found make
     """
     defect = _defect(windows, limits)
+    locked = _locked(defect, [w for _, w in windows], teeth)
+    if locked is not None and teeth is not None:
+        explained = lattice_full or struck or owner_of(locked, teeth, 1e-6) is not None
+        return NonGearContent(locked=None if explained else locked)
     tones: tuple[NonGearTone, ...] = ()
     orders: list[tuple[float, float]] = []
     impulsive: list[float] = []
     if defect is None:
         tones = _steady_tones(windows, limits.tone_amplitude * noise_floor, limits)
         if not lattice_full:
-            orders = _common_orders([w for _, w in windows], tones, limits, teeth)
+            orders = _common_orders([w for _, w in windows], tones, limits, teeth, known)
             impulsive = [r for r, w in windows if w.kurtosis is not None and w.kurtosis > limits.impact_kurtosis]
     impacts = len(impulsive) >= limits.least_windows and not struck
     modulated_by = None if struck or defect is not None else _modulated_by([w for _, w in windows], limits)
@@ -264,10 +270,24 @@ def find_non_gear_content(
         tones=tones,
         orders=tuple(orders),
         impacts=impacts,
+        struck=_struck([w for r, w in windows if r in set(impulsive)], limits) if impacts else None,
         modulated_by=modulated_by,
         first=first,
         not_available=tuple(Counter(w.fault for _, w in windows if w.fault).items()),
     )
+
+
+def _struck(windows: Sequence[NonGearFeatures], limits: NonGearThresholds) -> str | None:
+    """The shaft with whose turns the impacts of most windows repeat, "none" where both are excluded; None: not told."""
+    told = True
+    for name in ("pinion", "gear"):
+        seen = [(chance, tooth) for w in windows for shaft, chance, tooth in w.turns if shaft == name]
+        leading = [tooth for chance, tooth in seen if chance is not None and chance < limits.same_tooth]
+        most = max((sum(abs(other - tooth) <= 1 for other in leading) for tooth in leading), default=0)
+        if most >= limits.least_windows and most > 0.5 * len(windows):
+            return name
+        told = told and len(seen) == len(windows) and all(chance is not None for chance, _ in seen)
+    return "none" if told else None
 
 
 def _steady_tones(
@@ -316,16 +336,24 @@ def _is_sideband(
 
 
 def _common_orders(
-    windows: Sequence[NonGearFeatures], tones: Sequence[NonGearTone], limits: NonGearThresholds, teeth: int | None
+    windows: Sequence[NonGearFeatures],
+    tones: Sequence[NonGearTone],
+    limits: NonGearThresholds,
+    teeth: tuple[int, int] | None,
+    known: Sequence[float],
 ) -> list[tuple[float, float]]:
-    """Lines at the same order in half of the windows, without tones of fixed frequency and pairs of sidebands."""
+    """Lines at the same order in half of the windows, without tones of fixed frequency and pairs of sidebands.
+
+    None that the shafts make, or two lines that are known together.
+    """
     every = sorted(
         (
             (o, a, i)
             for i, w in enumerate(windows)
             for o, a in w.lines
             if all(abs(o * w.speed_hz - t.frequency) > limits.same_frequency for t in tones)
-            and not _is_sideband((o, a), w.lines, teeth, limits)
+            and not _is_sideband((o, a), w.lines, None if teeth is None else teeth[0], limits)
+            and (teeth is None or owner_of(o, teeth, 1 / (w.duration * w.speed_hz), known) is None)
         ),
         key=lambda x: -x[1],
     )

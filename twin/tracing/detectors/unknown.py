@@ -18,6 +18,7 @@ import numpy as np
 
 from twin.effects.unknown_effect import UNITS, UnknownEffect
 from twin.errors import NotAvailable
+from twin.features.shaft_orders import FRACTION, owner_of
 from twin.model import Model
 from twin.scales import Scales
 from twin.thresholds import deciding
@@ -82,6 +83,8 @@ class Unknown:
     modulation: Modulation | None = None
     modulation_onset: float = 0.0
     noise: tuple[str, float, float, str, float] | None = None  # kind, RMS with it and without [m/s²], words, onset
+    struck: str | None = None  # the shaft that impacts repeat with
+    teeth: int | None = None  # of the pinion
     fault: AccelerometerFault | None = None
 
     @property
@@ -142,11 +145,10 @@ def find_unknown(
     """What no named effect explains."""
     content, full = context.findings.non_gear, context.findings.has("pitch_error")
     modulation, left = (None, tuple(windows)) if full else modulation_of(windows, context.rig.teeth[0])
-    lines = [
-        line for line in followed_lines(left) if (line.follows == "clock" or not full) and _loud(line, context, limits)
-    ]
+    lines = [line for line in followed_lines(left) if _loud(line, context, limits)]
+    lines = [line for line in lines if line.follows == "clock" or not (full or _explained(line, context, left))]
     causes = []
-    for group in families(lines)[: limits.most_causes]:
+    for group in families(lines, left, context.rig.teeth[0])[: limits.most_causes]:
         cause = cause_of(model, group, windows, context.scales)
         if cause.log_evidence > limits.least_evidence:
             causes.append(cause)
@@ -155,6 +157,8 @@ def find_unknown(
         modulation=modulation,
         modulation_onset=0.0 if modulation is None else _onset(modulation.at, windows),
         noise=_noise(context, content),
+        struck=content.struck,
+        teeth=context.rig.teeth[0],
     )
 
 
@@ -172,6 +176,15 @@ def cause_of(
 def _loud(line: FollowedLine, context: TracingContext, limits: UnknownThresholds) -> bool:
     """Whether a line of the acceleration is loud enough; those of other channels have been chosen so already."""
     return line.channel != "acceleration" or line.level > limits.least_acceleration * context.scales.acceleration
+
+
+def _explained(line: FollowedLine, context: TracingContext, windows: Sequence[SeenWindow]) -> bool:
+    """Whether a line that follows the angle belongs to a shaft, or to two lines that effects make together."""
+    if line.follows != "angle":
+        return False
+    width = max(windows[i].step / windows[i].speed_hz for i, _ in line.at)
+    teeth = context.rig.teeth
+    return owner_of(line.order[0], teeth, width, context.findings.known_orders(teeth)) not in (None, FRACTION)
 
 
 def _onset(at: Sequence[int], windows: Sequence[SeenWindow]) -> float:
@@ -236,7 +249,7 @@ def attributed(unknown: Unknown, windows: Sequence[SeenWindow]) -> AttributedEff
     parts = _Parts()
     if unknown.fault is not None:
         _add_fault(parts, unknown.fault)
-    _add_causes(parts, unknown.causes)
+    _add_causes(parts, unknown.causes, unknown.teeth)
     if unknown.modulation is not None:
         m = unknown.modulation
         std = m.std if m.follows == "clock" else m.std * m.frequency / m.order
@@ -255,7 +268,7 @@ def attributed(unknown: Unknown, windows: Sequence[SeenWindow]) -> AttributedEff
         own = float(np.sqrt(max(level**2 - usual**2, 0.0)))
         parts.parameters["noise"] = (own, "m/s²", 0.2 * own)
         gain = 2 * len(windows) * float(np.log(max(level / max(usual, 1e-12), 1.0)))
-        parts.add(of_noise(kind, own, words, onset), onset, gain, noise=level, noise_before=usual)
+        parts.add(of_noise(kind, own, words, onset, unknown.struck), onset, gain, noise=level, noise_before=usual)
     return AttributedEffect.of(
         UnknownEffect(**parts.fields),
         onset=min(parts.onsets),
@@ -279,14 +292,14 @@ def _add_fault(parts: _Parts, fault: AccelerometerFault) -> None:
     )  # fmt: skip
 
 
-def _add_causes(parts: _Parts, causes: Sequence[Cause]) -> None:
+def _add_causes(parts: _Parts, causes: Sequence[Cause], teeth: int | None) -> None:
     """Lines, the clearest cause first."""
     columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
     for number, cause in enumerate(causes, start=1):
         _add(columns, cause)
         parts.parameters |= _parameters(cause, "" if number == 1 else f"_{number}")
         unit = UNITS[cause.entry.place]
-        sentence = of_lines(cause.lines, cause.entry, cause.law, unit, cause.onset)
+        sentence = of_lines(cause.lines, cause.entry, cause.law, unit, cause.onset, teeth)
         parts.add(sentence, cause.onset, cause.log_evidence)
     parts.fields |= {name: tuple(values) for name, values in columns.items()}
     if causes:
