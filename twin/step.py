@@ -76,7 +76,7 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:
     """The window's features; WindowError where it has neither a level nor a speed nor a pair in motion."""
     signals = WindowSignals(rig, window)
-    count, features = counted(state.count, with_changing_speed(rig, extract(rig, window, signals)))
+    count, features = counted(state.count, with_changing_speed(rig, extract(rig, window, signals)), rig.gear_age)
     pair = None if rig.has(*NEEDED) else assess_pair(rig, window, state.windows_seen)
     if features.rms is None and features.speed_hz is None and not isinstance(pair, EncoderPair):
         reasons = [*features.unavailable.values(), *([pair.reason] if isinstance(pair, Unavailable) else [])]
@@ -145,7 +145,9 @@ def inspect(rig: Rig, state: State, inspection: Inspection) -> tuple[State, Asse
     inspections = with_inspection(state.inspections, inspection)
     latest = state.latest
     if isinstance(latest.wear, Wear) and isinstance(latest.life, (Life, Unavailable)):
-        wear, life = with_inspections(rig, state.memory, latest.wear, latest.life, inspections)
+        wear, life = with_inspections(
+            rig, state.memory, latest.wear, latest.life, inspections, state.count.age(rig.gear_age).known
+        )
         latest = replace(latest, wear=wear, life=dated(rig, life, state.running))
     state = replace(state, inspections=inspections, latest=latest)
     events = (LifeEvent(life=latest.life),) if isinstance(latest.life, Life) else ()

@@ -68,6 +68,7 @@ from twin.assessment.wear import (
     Preliminary,
     RelationOrigin,
     Wear,
+    WearGrowth,
     WearProfile,
 )
 from twin.assessment.whole import Assessment, Event, LifeEvent, UpdateEvent, WindowEvent
@@ -137,6 +138,7 @@ __all__ = [
     "Unexplained",
     "UpdateEvent",
     "Wear",
+    "WearGrowth",
     "WearProfile",
     "WindowAssessment",
     "WindowEvent",
