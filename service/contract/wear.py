@@ -24,6 +24,9 @@ if TYPE_CHECKING:  # a start of the service loads no part of the twin that compu
     from twin import assessment
 
 
+UNKNOWN_AGE = "the age of the gears is not known: the depth is at least what has worn since the first window"
+
+
 class Depths(ContractModel):
     """Largest depth along the profile, by flank [µm]."""
 
@@ -188,6 +191,7 @@ class Wear(ContractModel):
                 valid=wear.validity.valid,
             ),
             methods=Methods.of(wear.methods),
+            reason=None if wear.depth["combined"].median is not None else UNKNOWN_AGE,
             preliminary=preliminary_of(wear.preliminary),
             **parts,
         )

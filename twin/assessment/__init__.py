@@ -30,6 +30,7 @@ from twin.assessment.baseline import (
     UnattributedLines,
     UnattributedSearch,
 )
+from twin.assessment.detectable import Detectable, FalseAlarms, SmallestSize
 from twin.assessment.effects import (
     ChannelErrors,
     EffectAssessment,
@@ -85,12 +86,14 @@ __all__ = [
     "CalibrationAssessment",
     "ChannelErrors",
     "DepthPair",
+    "Detectable",
     "EffectAssessment",
     "EffectEvent",
     "EncoderPair",
     "EstablishedBefore",
     "Event",
     "Evidence",
+    "FalseAlarms",
     "FlankProfile",
     "FusedEstimate",
     "GearIndicators",
@@ -129,6 +132,7 @@ __all__ = [
     "SharpStep",
     "SidebandLimit",
     "SidebandPair",
+    "SmallestSize",
     "SpectralLine",
     "SpectrumExcerpt",
     "StatedRatio",

@@ -193,8 +193,10 @@ def _series(rates: Sequence[tuple[float, float]], limits: NonGearThresholds) -> 
     return best
 
 
-def _defect(windows: Sequence[tuple[float, NonGearFeatures]], limits: NonGearThresholds) -> BearingFinding | None:
-    """The defect whose multiples the windows' rates are; None where too few windows agree."""
+def defect_of(
+    windows: Sequence[tuple[float, NonGearFeatures]], limits: NonGearThresholds = THRESHOLDS
+) -> BearingFinding | None:
+    """The defect whose multiples the rates of windows, given with their revolutions, are; None where too few agree."""
     found = [(r, series) for r, w in windows if (series := _series(w.rates, limits)) is not None]
     if len(found) < limits.least_windows:
         return None
@@ -240,7 +242,7 @@ def find_non_gear_content(
     noise_floor   amplitude of an acceleration line below which nothing is read [m/s²]
     teeth         of the pinion; None where they are not known
     """
-    defect = _defect(windows, limits)
+    defect = defect_of(windows, limits)
     tones: tuple[NonGearTone, ...] = ()
     orders: list[tuple[float, float]] = []
     impulsive: list[float] = []
