@@ -21,13 +21,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from math import inf, pi, sqrt
+from math import inf, pi, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from twin.assessment import SmallestSize
 from twin.effects import EFFECTS
+from twin.effects.bearing_defect import BearingGeometry
 from twin.effects.kept import RESPONSES
 from twin.effects.tooth_crack import ToothCrack
 from twin.errors import TwinError
@@ -181,7 +182,7 @@ def _bearing(rig: Rig, windows: Sequence[WindowFeatures], phase: float | None) -
     none = ("bearing_defect", "acceleration_rms", "m/s²")
     heard = [w for w in windows if w.noise_rms and w.speed_hz and w.duration]
     if not heard:
-        return _none(*none, "a bearing is heard by an accelerometer, in a window with a known speed")
+        return _none(*none, "a bearing shows in an accelerometer, in a window with a known speed")
     latest = heard[-1]
     assert latest.noise_rms is not None and latest.speed_hz is not None
     orders = _bearing_orders(rig)
@@ -204,9 +205,14 @@ def _bearing(rig: Rig, windows: Sequence[WindowFeatures], phase: float | None) -
 def _bearing_orders(rig: Rig) -> tuple[float, ...]:
     """The orders of blows on either race of the rig file's first bearing, in turns of the pinion."""
     for one in rig.get("rolling_bearings", ()):
-        γ = one["element_diameter"] / one["pitch_diameter"] * np.cos(np.radians(one.get("contact_angle_deg", 0.0)))
+        geometry = BearingGeometry(
+            balls=int(one["rolling_elements"]),
+            ball_diameter=one["element_diameter"],
+            pitch_diameter=one["pitch_diameter"],
+            contact_angle=radians(one.get("contact_angle_deg", 0.0)),
+        )
         turns = 1.0 if one["shaft"] == "pinion" else rig.teeth[0] / rig.teeth[1]
-        return tuple(float(turns * one["rolling_elements"] * (1 + side * γ) / 2) for side in (-1, 1))
+        return tuple(turns * geometry.orders()[part] for part in ("outer", "inner"))
     return ORDERS
 
 
