@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from service.files.rig import load_rig
 from service.runtime.assess import rig_of
 from service.stream.sources.mcap import Recording
 
+ROOT = Path(__file__).parents[2]
 RATE, SPEED, SECONDS = 2000, 10.0, 6.0
 MAPPING = """schema = "gear-import/1"
 asset = "box"
@@ -114,3 +117,35 @@ def test_init_asks_the_age_and_takes_none_for_granted(tmp_path):
 def test_an_age_that_cannot_be_used_is_refused(given, why):
     with pytest.raises(InputError, match=why):
         age_of("--age", given, None)
+
+
+def used_machine(tmp_path, age):
+    """The answer about six seconds of the tutorial's pump, whose rig and mapping files `init` has made."""
+    machine = runpy.run_path(str(ROOT / "docs" / "examples" / "machine.py"))
+    values = machine["recording"](0.5, seed=3, modulation=0.15, duration=6.0)
+    np.savetxt(
+        tmp_path / "run.csv", values, delimiter=",", header=",".join(machine["COLUMNS"]), comments="", fmt="%.9g"
+    )
+    (tmp_path / "answers.toml").write_text(
+        'schema = "gear-answers/1"\nasset = "pump-drive"\npinion_teeth = 23\ngear_teeth = 57\nspeed = "1476 rpm"\n'
+        'module = "2.5 mm"\nface_width = "25 mm"\npower = "4 kW"\nencoder_pinion = 1\n'
+        f'encoder_pinion_column = "Tacho (V)"\ndata_file = "run.csv"\nsample_rate = "5.12 kHz"\n{age}'
+        '[[accelerometers]]\ncolumn = "Acc1 (g)"\nunit = "g"\n'
+    )
+    for step in (
+        ["init", "--answers", str(tmp_path / "answers.toml"), "--out", str(tmp_path)],
+        ["import", str(tmp_path / "mapping.toml"), "--out", str(tmp_path / "run.mcap")],
+        ["assess", str(tmp_path / "run.mcap"), "--no-trace", "--json", str(tmp_path / "answer.json")],
+    ):
+        done = CliRunner().invoke(app, step)
+        assert done.exit_code == 0, (step, done.output, done.exception)
+    return json.loads((tmp_path / "answer.json").read_text())
+
+
+@pytest.mark.parametrize("age", ["", 'age = "5000 rev"\n', 'age = "unknown"\n'])
+def test_a_used_gearbox_is_not_taken_for_new(tmp_path, age):
+    answer = used_machine(tmp_path, age)
+    assert answer["wear"]["status"] == answer["rul"]["status"] == "not available"
+    assert all(window["wear_depth_um"] is None for window in answer["windows"])
+    assert "unworn" not in answer["wear"]["reason"] and "when they are new" not in answer["wear"]["reason"]
+    assert "measure the wear depth at a stop" in answer["wear"]["reason"]
