@@ -18,6 +18,8 @@ from twin.wear.laws import LAWS
 MEANINGS = {
     "schema": "form of the file",
     "name": "name of the machine",
+    "gears.age": "revolutions that the gears had made when the count of the pinion's revolutions was 0, which may be "
+    "`unknown`; where it is left out, the count is one since new",
     "gears.backlash": "along the line of action, total",
     "gears.pinion.bore_radius": "for the foundation's compliance",
     "gears.gear.bore_radius": "for the foundation's compliance",
@@ -225,12 +227,14 @@ def _rig_rows(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, str, 
         if hasattr(rule, "columns"):
             yield from _rig_rows(rule.columns, f"{name}[].")
             continue
-        rule = getattr(rule, "rule", rule)
+        rule, words = getattr(rule, "rule", rule), getattr(rule, "words", ())
+        rule = getattr(rule, "number", rule)
         unit = getattr(rule, "unit", "")
         low, high = getattr(rule, "low", None), getattr(rule, "high", None)
         allowed = getattr(rule, "allowed", ())
         if low is not None and hasattr(rule, "closed"):
-            bounds = f"{'' if rule.closed else 'above '}{low:g} … {high:g}"
+            numbers = f"{'' if rule.closed else 'above '}{low:g} … {high:g}"
+            bounds = ", ".join([*(f"`{word}`" for word in words), numbers])
         elif allowed:
             bounds = ", ".join(f"`{a}`" for a in allowed)
         else:

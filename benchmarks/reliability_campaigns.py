@@ -15,12 +15,12 @@ from benchmarks.reliability_scores import Scored, reached, scored
 from benchmarks.scoring import read_truth, truth_beside, windows_of
 from twin.assessment import Interval, Life, Wear
 from twin.errors import TwinError
+from twin.gear_age import NEWNESS
 from twin.options import Options
 from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.state import State
 from twin.step import step
-from twin.updating.conditions import MATCH
 from twin.updating.remaining_life import NORMAL
 from twin.what_if import what_if
 
@@ -53,7 +53,7 @@ def of_campaign(path: Path) -> list[Scored]:
             state, _ = step(rig, state, window, Options(trace=True))
         except TwinError:
             continue
-        if own["kind"] in ("wear", "measurement") and own["revolutions"] >= MATCH.unworn_revolutions:
+        if own["kind"] in ("wear", "measurement") and own["revolutions"] >= NEWNESS.revolutions:
             out += _of_window(path.stem, rig, state, truth, own)
     return out
 

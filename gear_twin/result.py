@@ -97,15 +97,16 @@ class Result:
 def assess(
     recording: str | Path, rig: str | Path | None = None, *, asset: str | None = None, trace: bool = True
 ) -> Result:
-    """Evaluates a whole recording (MCAP), as `gear-twin assess` does.
+    """Evaluates a whole recording (MCAP), as `gear-twin assess` and the service do: by the configuration file and the
+    environment.
 
     rig    rig file; None for the one attached to the recording
     asset  which machine, where the recording holds several
-    trace  whether to search for effects besides wear
+    trace  False: effects besides wear are not searched for
 
-    Raises service.errors.InputError where the recording or the rig file cannot be used.
+    Raises service.errors.InputError where the recording, the rig file or a setting cannot be used.
     """
-    from service.runtime.assess import assess as evaluate
-    from twin.options import Options
+    from service.configuration.load import load
+    from service.runtime.by_settings import assess_by_settings
 
-    return Result(evaluate(recording, rig, Options(trace=trace), asset=asset))
+    return Result(assess_by_settings(load(), recording, rig, asset=asset, trace=trace))

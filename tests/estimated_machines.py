@@ -22,6 +22,7 @@ from twin.updating.update import update_twin
 from twin.wear.curve import MasterCurve
 
 LAB = {
+    "age": "new",
     "pinion_teeth": 19, "gear_teeth": 52, "speed": "10 Hz", "torque": "10 Nm", "module": "2 mm", "face_width": "20 mm",
     "lubrication": "dry", "encoder_pinion": 1024, "encoder_gear": 2048, "torque_meter": True,
     "accelerometers": [{"place": "pinion free side"}],

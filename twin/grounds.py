@@ -18,25 +18,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from math import sqrt
+from math import exp, hypot, sqrt
 
 from twin.assessment import HeldOutErrors
 from twin.established import HYSTERESIS, LIMITS, EstablishedLimits
+from twin.gear_age import NEWNESS
+from twin.quantiles import Z99
 from twin.rig import Rig
 from twin.tracing.unexplained import VERDICT_LIMITS, VerdictLimits, does_not_fit, excess, figure_of
 from twin.updating.calibration import outliers
 from twin.updating.conditions import MATCH
 from twin.updating.encoders import ENCODERS
+from twin.updating.inspections import MEASURED_DEPTH
 from twin.updating.measurement import SCATTER
-from twin.updating.update import UpdateOutcome
+from twin.updating.tracker import RATE as WEAR_RATE
+from twin.updating.update import UpdateOutcome, reference_rate
 
 # remedies: imperatives, since the first of them is the action of the status
-NEW_GEARS = f"record three windows of the gears when they are new (their first {MATCH.unworn_revolutions:.0f} turns)"
+NEW_GEARS = f"record three windows of the gears when they are new (their first {NEWNESS.revolutions:.0f} turns)"
 LOW_SPEED = "run the unworn gears at a fifth of the operating speed, under two loads that differ by a third or more"
-MEASURED_DEPTH = "measure the wear depth"
 TWO_ENCODERS = "mount encoders on both shafts: their transmission error measures the depth"
 OWN_RIG_FILE = "write a rig file of this machine: teeth, module, shafts, bearings, place and unit of the sensor"
 MORE_WINDOWS = "record more windows at this speed and load"
+OF_NEW_GEARS = (NEW_GEARS, LOW_SPEED)  # what cannot be done any more once the gears have run
 
 # quantities that scatter from window to window, and are judged with hysteresis (twin/noisy.py)
 HELD_OUT = {"transmission_error": "held-out transmission error", "waveform": "held-out acceleration"}
@@ -53,6 +57,7 @@ class Ground:
     depth: bool = True  # whether the depth is doubted
     life: bool = True
     in_band: bool = False  # whether the band of a depth by encoders holds it already
+    of_zero: bool = False  # whether it doubts from where depths count, and not how far they have grown
     arisen: bool = False  # whether it says nothing against earlier windows in which it was not there
 
 
@@ -72,6 +77,21 @@ class Basis:
     def by_level(self) -> bool:
         """Whether the depth rests on the vibration level: no encoder has measured one."""
         return by_level(self.outcome)
+
+    def doable(self, remedies: Iterable[str]) -> tuple[str, ...]:
+        """The remedies that can still be done, each once."""
+        can = tuple(dict.fromkeys(r for r in remedies if self.outcome.unworn or r not in OF_NEW_GEARS))
+        return can or (MEASURED_DEPTH,)
+
+    @property
+    def over_expected(self) -> float | None:
+        """Wear until now over what the rig file's coefficient makes of the revolutions since new; None if not known."""
+        outcome, points = self.outcome, self.outcome.memory.points
+        if not outcome.age_known or outcome.memory.prior is not None or not points or not points[-1].revolutions > 0:
+            return None
+        (K,) = self.rig.require("the wear coefficient", "wear.K")
+        fresh = self.rig.get("wear.running_in.initial_ratio", 1.0)
+        return points[-1].work / (K * fresh * reference_rate(self.rig) * points[-1].revolutions)
 
     @property
     def confirmed(self) -> bool:
@@ -160,6 +180,12 @@ def _unreachable_level(basis: Basis) -> Iterator[Ground]:
         )
 
 
+def _level_without_rise(basis: Basis) -> Iterator[Ground]:
+    """A level that shows no wear: one level alone, or one that has not risen since the gears were new."""
+    if basis.by_level and not basis.shows_wear:
+        yield Ground(reason=no_rise(basis), remedies=(NEW_GEARS, TWO_ENCODERS, MEASURED_DEPTH))
+
+
 # -- depth and life are preliminary -----------------------------------------------------------------------------
 
 
@@ -173,8 +199,6 @@ def _level_alone(basis: Basis) -> Iterator[Ground]:
         "in trials, and no transfer path from the mesh to the accelerometer has been learned"
     )
     yield Ground(reason=reason, remedies=(TWO_ENCODERS, MEASURED_DEPTH))
-    if basis.outcome.rms_measured is not None and not basis.shows_wear:
-        yield Ground(reason=no_rise(basis), remedies=(NEW_GEARS, MEASURED_DEPTH))
     if fit is not None and not _low_speed(basis):
         yield Ground(
             reason="the level was calibrated at one operating condition", remedies=(LOW_SPEED,), life=False
@@ -222,6 +246,32 @@ def _not_calibrated(basis: Basis) -> Iterator[Ground]:
             reason="no window of the new gears has calibrated the model: stiffness and damping are those of the rig "
             "file, and deviations of the unworn teeth count as wear",
             remedies=(NEW_GEARS, MEASURED_DEPTH),
+            of_zero=True,
+        )
+
+
+def _unknown_age(basis: Basis) -> Iterator[Ground]:
+    """Gears that had run before the first window, nobody knows how long."""
+    if not basis.outcome.age_known:
+        yield Ground(
+            reason="the age of the gears is not known: what had worn before the first window is not known either, only "
+            "what has worn since",
+            remedies=(MEASURED_DEPTH,),
+            of_zero=True,
+        )
+
+
+def _too_fast(basis: Basis) -> Iterator[Ground]:
+    """A depth that no wear coefficient near the rig file's makes within the revolutions since new."""
+    over, outcome = basis.over_expected, basis.outcome
+    most = exp(Z99 * hypot(WEAR_RATE.prior, basis.rig.estimated.spread.get("wear", 0.0)))
+    if over is not None and over > most:
+        yield Ground(
+            reason=f"{1e6 * outcome.depth:.3g} µm after {outcome.memory.track.revolutions:,.0f} revolutions is "
+            f"{over:.0f} times the wear that the rig file's coefficient makes (limit {most:.0f}): the gears were not "
+            "new when the count began, or an effect that is not in the model looks like wear",
+            remedies=(MEASURED_DEPTH, MORE_WINDOWS),
+            of_zero=True,
         )
 
 
@@ -363,10 +413,12 @@ def _does_not_fit(basis: Basis) -> Iterator[Ground]:
         yield Ground(reason=reason, remedies=(OWN_RIG_FILE, TWO_ENCODERS))
 
 
-EXCLUDING: tuple[Rule, ...] = (_other_machine, _other_gears, _unreachable_level, _does_not_fit)
+EXCLUDING: tuple[Rule, ...] = (_other_machine, _other_gears, _unreachable_level, _level_without_rise, _does_not_fit)
 RULES: tuple[Rule, ...] = (
     _nothing_measured,
+    _unknown_age,
     _not_calibrated,
+    _too_fast,
     _calibration,
     _mesh_lines,
     _held_out,

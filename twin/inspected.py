@@ -19,14 +19,14 @@ import numpy as np
 
 from twin.assessment import FLANKS, InspectedDepth, InspectionResult, Interval, Life, Preliminary, Unavailable, Wear
 from twin.established import LIMITS as ESTABLISHED
-from twin.grounds import MEASURED_DEPTH, MORE_WINDOWS, counted
+from twin.grounds import MORE_WINDOWS, counted
 from twin.model import Condition
 from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating.depth import DEPTH
 from twin.updating.inspected_wear import FAULTS, InspectedWear, InspectedWork, wear_with_inspections
-from twin.updating.inspections import Inspection
+from twin.updating.inspections import MEASURED_DEPTH, Inspection
 from twin.updating.life import life_of_track
 from twin.updating.memory import Memory, RatePrior
 from twin.updating.model_cache import curve_of
@@ -59,23 +59,27 @@ def with_inspections(
     wear: Wear | Unavailable,
     life: Life | Unavailable,
     inspections: Sequence[Inspection],
+    age_known: bool = True,
 ) -> tuple[Wear | Unavailable, Life | Unavailable]:
     """Wear and life as inspections leave them; as they are where there are none, or no wear by a model.
 
     wear, life  by the windows; or with earlier inspections, which are then taken out first
+    age_known   whether the revolutions count from new flanks
     """
     if not inspections or not isinstance(wear, Wear) or not memory.segments:
         return wear, life
     by_rms = _by_rms(wear, memory)
-    depth = wear.depth["combined"] if wear.inspected is None else wear.inspected.depth_by_windows
+    depth = _by_windows(wear)
     scale = _Scale.of(rig, memory, by_rms, depth)
     shares = wear_shares(rig)
+    before = 0.0 if age_known else _unseen(memory, scale.points)
     works = [scale.inspected(i, shares[i.flank]) for i in inspections]
+    track = _track_by_windows(memory, depth, scale, by_rms)
     found = wear_with_inspections(
-        scale.points,
-        works,
+        tuple(replace(p, revolutions=p.revolutions + before) for p in scale.points),
+        [replace(w, revolutions=w.revolutions + before) for w in works],
         memory.prior or _prior_of_rig(rig, memory.track.rate),
-        _track_by_windows(memory, depth, scale, by_rms),
+        replace(track, revolutions=track.revolutions + before),
         FAULTS.alike_rms if by_rms else FAULTS.alike_fused,
         scale.doubt,
     )
@@ -90,6 +94,22 @@ def with_inspections(
     if isinstance(life, Unavailable) and not (settled or first_rate):
         return wear, life
     return wear, _life(rig, memory, life, scale, found, result, settled)
+
+
+def _unseen(memory: Memory, points: Points) -> float:
+    """Revolutions before the count's zero that gears of unknown age would have made at their present wear rate."""
+    if not points or not memory.track.rate > 0:
+        return 0.0
+    return max(points[0].work / memory.track.rate - points[0].revolutions, 0.0)
+
+
+def _by_windows(wear: Wear) -> Interval:
+    """The combined depth by the windows alone [m]; of gears of unknown age that which the model alone gives."""
+    if wear.inspected is not None:
+        return wear.inspected.depth_by_windows
+    if wear.growth is not None and wear.growth.by_model is not None:
+        return wear.growth.by_model
+    return wear.depth["combined"]
 
 
 def _life(

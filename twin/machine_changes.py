@@ -58,7 +58,7 @@ def changed(rig: Rig, state: State, change: MachineChange, options: Options | No
     else:
         state = _reassembled(rig, state)
     if change.kind in ("gears_replaced", "counter_reset"):
-        count = state.count.awaiting(change.kind, state.counted, change.at, change.began)
+        count = state.count.awaiting(change.kind, state.counted, change.at, change.began, rig.gear_age)
         state = replace(state, count=count, counted=0.0 if change.kind == "gears_replaced" else state.counted)
         state = replace(state, fallen=None)
     if change.kind in ("gears_replaced", "reassembled"):

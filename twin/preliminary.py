@@ -2,31 +2,33 @@
 
     established       a calibrated model that fits this machine, and a depth that follows from it
     preliminary       a depth or life with a wider band, its reasons, and the measurements that would settle it
-    not available     the evidence says that the model is not one of this machine
+    not available     the evidence says that the model is not one of this machine, or the level alone shows no wear
 
 The reasons are those of twin/grounds.py.
 
 Bands  by level: the half-widths of its band in ln, times √max(misfit of the calibration, 1) (Birge's ratio, as in
        updating/depth.py), and times √2 where no unworn window has calibrated the level, which is then as uncertain as
-       the depth that follows from a calibrated one; down to zero where no wear can be seen in the level.
-       By encoders: at least the spread of true over estimated depth where the calibration was in doubt.
+       the depth that follows from a calibrated one.
+       By encoders: at least the spread of true over estimated depth where the calibration was in doubt. Where it is in
+       doubt from where the depths count (no window of new gears, an unknown age, a first depth that no wear makes), the
+       5th percentile is what the growth since the first worn window proves (updating/growth.py).
        With effects in the model of an estimated structure: also the band of wear alone (twin/tracing/wear_alone.py).
        A life inherits the relative width of its depth. With few windows, the rate may still halve (running-in).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import sqrt
 
 from twin.assessment import EstablishedBefore, HeldOutErrors, Preliminary
 from twin.established import Doubts, History
-from twin.grounds import EXCLUDING, RULES, Basis, Ground, no_rise
+from twin.grounds import EXCLUDING, RULES, Basis, Ground
 from twin.noisy import doubts_after
 from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.tracing.unexplained import does_not_fit
+from twin.updating.growth import growth_of
 from twin.updating.life import NO_DOUBT, LifeDoubt
 from twin.updating.measurement import SCATTER
 from twin.updating.update import UpdateOutcome
@@ -39,7 +41,7 @@ class Confidence:
     """How far the depth and the life after a window may be relied on."""
 
     band: tuple[float, float]  # of the depth [m]
-    not_this_machine: str | None = None  # why neither is available; None where they are
+    missing: str | None = None  # why neither is available; None where they are
     depth: Preliminary | None = None  # None where the depth is established
     life: Preliminary | None = None
     no_life: str | None = None  # why the life alone is not available
@@ -67,34 +69,32 @@ def confidence_of(
     basis = replace(basis, raised=doubts.raised)
     excluding = [ground for rule in EXCLUDING for ground in rule(basis)]
     if excluding:
-        return Confidence(not_this_machine=_missing(excluding), band=outcome.depth_band, doubts=doubts)
+        return Confidence(missing=_missing(basis, excluding), band=outcome.depth_band, doubts=doubts)
     grounds = [ground for rule in RULES for ground in rule(basis)]
-    doubted = any(ground.depth and not ground.in_band for ground in grounds)
     before = history.of_rig(rig).supports(outcome.depth, outcome.memory.track.revolutions)
     return Confidence(
-        band=_band(basis, doubted),
-        depth=_preliminary((ground for ground in grounds if ground.depth), before),
-        life=_preliminary((ground for ground in grounds if ground.life), before),
-        no_life=does_not_fit(errors) or (no_rise(basis) if basis.by_level and not basis.shows_wear else None),
-        life_doubt=_life_doubt(basis, doubted),
+        band=_band(basis, grounds),
+        depth=_preliminary(basis, [ground for ground in grounds if ground.depth], before),
+        life=_preliminary(basis, [ground for ground in grounds if ground.life], before),
+        no_life=does_not_fit(errors),
+        life_doubt=_life_doubt(basis, grounds),
         doubts=doubts,
     )
 
 
-def _missing(excluding: list[Ground]) -> str:
+def _missing(basis: Basis, excluding: list[Ground]) -> str:
     """Why depth and life are not available, and what would help."""
-    remedies = dict.fromkeys(remedy for ground in excluding for remedy in ground.remedies)
+    remedies = basis.doable(remedy for ground in excluding for remedy in ground.remedies)
     return f"{'; '.join(ground.reason for ground in excluding)}. What would help: {'; '.join(remedies)}"
 
 
-def _preliminary(grounds: Iterable[Ground], before: EstablishedBefore | None) -> Preliminary | None:
+def _preliminary(basis: Basis, known: list[Ground], before: EstablishedBefore | None) -> Preliminary | None:
     """Why a figure is preliminary; earlier windows support it where every ground has arisen since."""
-    known = list(grounds)
     if not known:
         return None
     return Preliminary(
         reasons=tuple(dict.fromkeys(ground.reason for ground in known)),
-        remedies=tuple(dict.fromkeys(remedy for ground in known for remedy in ground.remedies)),
+        remedies=basis.doable(remedy for ground in known for remedy in ground.remedies),
         before=before if all(ground.arisen for ground in known) else None,
     )
 
@@ -105,33 +105,45 @@ def _level_factor(basis: Basis) -> float:
     return sqrt(basis.limits.uncalibrated_level if fit is None else max(fit.misfit, 1.0))
 
 
-def _band(basis: Basis, doubted: bool) -> tuple[float, float]:
+def _band(basis: Basis, grounds: list[Ground]) -> tuple[float, float]:
     """5 and 95 % of the depth [m], with those of wear alone where these are as likely."""
-    low, high = _band_with_effects(basis, doubted)
+    low, high = _band_with_effects(basis, grounds)
     return (low, high) if basis.alone is None else (min(low, basis.alone[0]), max(high, basis.alone[1]))
 
 
-def _band_with_effects(basis: Basis, doubted: bool) -> tuple[float, float]:
+def _doubting(grounds: list[Ground]) -> list[Ground]:
+    """The grounds that widen the band of a depth by encoders."""
+    return [ground for ground in grounds if ground.depth and not ground.in_band]
+
+
+def _band_with_effects(basis: Basis, grounds: list[Ground]) -> tuple[float, float]:
     outcome, depth = basis.outcome, basis.outcome.depth
     low, high = outcome.depth_band
     if basis.by_level:
         if outcome.method == "unworn":
             return low, high
         factor = _level_factor(basis)
-        least = depth * SCATTER.rms_low**factor if basis.shows_wear else 0.0
-        return least, depth * SCATTER.rms_high**factor
-    if not doubted:
+        return depth * SCATTER.rms_low**factor, depth * SCATTER.rms_high**factor
+    doubting = _doubting(grounds)
+    if not doubting:
         return low, high
-    compared = outcome.memory.track.windows and outcome.memory.fit is not None  # with unworn teeth
-    least = basis.limits.doubtful_low * depth if compared else 0.0
+    certain = basis.limits.doubtful_low if any(not ground.of_zero for ground in doubting) else 1.0
+    least = certain * (_proven(outcome) if any(ground.of_zero for ground in doubting) else depth)
     return min(low, least), max(high, basis.limits.doubtful_high * depth)
 
 
-def _life_doubt(basis: Basis, doubted: bool) -> LifeDoubt:
+def _proven(outcome: UpdateOutcome) -> float:
+    """What the growth since the first worn window alone proves of a depth, 5 % quantile [m]."""
+    growth = growth_of(outcome.memory)
+    return 0.0 if growth is None else growth.depth.p05
+
+
+def _life_doubt(basis: Basis, grounds: list[Ground]) -> LifeDoubt:
     """What a life is uncertain by for the grounds."""
     if basis.by_level:
         return LifeDoubt(level_factor=_level_factor(basis))
-    low, high = _band(basis, doubted)
+    doubted = bool(_doubting(grounds))
+    low, high = _band(basis, grounds)
     depth, young = basis.outcome.depth, basis.outcome.memory.track.steady < basis.limits.least_worn_windows
     return LifeDoubt(
         of_depth=(high - low) / (2 * Z95 * depth) if (doubted or basis.alone) and depth > 0 else 0.0,

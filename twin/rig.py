@@ -16,6 +16,7 @@ from math import radians
 from typing import Any
 
 from twin.errors import NotAvailable
+from twin.gear_age import GearAge
 from twin.geometry.gear_pair import GearPair
 from twin.rig_consistency import MEASURED, refuse_contradictions, torque_meter_nodes
 from twin.rig_derived import DERIVED
@@ -26,6 +27,11 @@ from twin.rig_tolerances import Tolerances
 MOST_LISTED = 4  # missing keys that an error names one by one
 
 
+def _text_of(values: Mapping[str, Any]) -> str:
+    """Values of a rig file as one line."""
+    return json.dumps(values, sort_keys=True, default=str)
+
+
 @dataclass(frozen=True, slots=True)
 class Rig:
     """One gearbox. `values` is the checked mapping of the rig file, tables nested as there."""
@@ -34,7 +40,7 @@ class Rig:
     text: str = field(init=False, repr=False, compare=False)  # the same as one line, by which results are kept
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "text", json.dumps(self.values, sort_keys=True, default=str))
+        object.__setattr__(self, "text", _text_of(self.values))
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Rig:
@@ -45,8 +51,13 @@ class Rig:
 
     @property
     def digest(self) -> str:
-        """Sixteen hexadecimal digits by which files that belong to this rig file's values name it."""
-        return sha256(self.text.encode()).hexdigest()[:16]
+        """Sixteen hexadecimal digits by which files that belong to this rig file's values name it.
+
+        The gears' age is no value of the machine, but of its gears at one time, and leaves the digest as it is.
+        """
+        gears = {key: value for key, value in self.values.get("gears", {}).items() if key != "age"}
+        values = {**self.values, "gears": gears} if "age" in self.values.get("gears", {}) else self.values
+        return sha256(_text_of(values).encode()).hexdigest()[:16]
 
     @property
     def name(self) -> str:
@@ -100,6 +111,11 @@ class Rig:
         """Tooth counts of pinion and gear."""
         z1, z2 = self.require("the tooth ratio", "gears.pinion.teeth", "gears.gear.teeth")
         return int(z1), int(z2)
+
+    @property
+    def gear_age(self) -> GearAge:
+        """What is known of the gears' age where the revolution count is zero."""
+        return GearAge.of(self.get("gears.age"))
 
     @property
     def accelerometer(self) -> str | None:

@@ -15,6 +15,7 @@ from math import inf
 from typing import Any
 
 from twin.errors import ParameterError
+from twin.gear_age import NEW, UNKNOWN
 from twin.rig_estimated import PARTS
 from twin.wear.laws import LAWS
 
@@ -73,6 +74,21 @@ class _Text:
         if self.allowed and value not in self.allowed:
             raise ParameterError(f"{name} = {value!r} must be one of {', '.join(self.allowed)}")
         return value
+
+
+@dataclass(frozen=True, slots=True)
+class _NumberOr:
+    """A number, or one of a few words."""
+
+    number: _Number
+    words: tuple[str, ...]
+
+    def read(self, name: str, value: Any) -> float | int | str:
+        if isinstance(value, str):
+            if value not in self.words:
+                raise ParameterError(f"{name} = {value!r} must be {', '.join(self.words)} or a number")
+            return value
+        return self.number.read(name, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +181,7 @@ SCHEMA: dict[str, Any] = {
         "addendum": _Number("m", 0, 0.3, _LENGTH),
         "dedendum": _Number("m", 0, 0.3, _LENGTH),
         "backlash": _Number("m", 0, 0.01, _LENGTH, closed=True),
+        "age": _NumberOr(_Number("rev", 0, 1e15, closed=True), (NEW, UNKNOWN)),
         "pinion": _WHEEL,
         "gear": _WHEEL,
         "path_of_contact": {

@@ -89,7 +89,7 @@ def _context(rig: Rig, state: State, window: Window, options: Options) -> Contex
     signals = WindowSignals(rig, window)
     measured = with_changing_speed(rig, extract(rig, window, signals))
     state, restarted = _with_count_followed(rig, state, measured, options)
-    count, features = counted(state.count, measured)
+    count, features = counted(state.count, measured, rig.gear_age)
     pair = None if rig.has(*NEEDED) else assess_pair(rig, window, state.windows_seen)
     if features.rms is None and features.speed_hz is None and not isinstance(pair, EncoderPair):
         reasons = [*features.unavailable.values(), *([pair.reason] if isinstance(pair, Unavailable) else [])]
@@ -171,7 +171,9 @@ def inspect(rig: Rig, state: State, inspection: Inspection) -> tuple[State, Asse
     inspections = with_inspection(state.inspections, inspection)
     latest = state.latest
     if isinstance(latest.wear, Wear) and isinstance(latest.life, (Life, Unavailable)):
-        wear, life = with_inspections(rig, state.memory, latest.wear, latest.life, inspections)
+        wear, life = with_inspections(
+            rig, state.memory, latest.wear, latest.life, inspections, state.count.age(rig.gear_age).known
+        )
         latest = replace(latest, wear=wear, life=dated(rig, life, state.running))
     state = replace(state, inspections=inspections, latest=latest)
     events = (LifeEvent(life=latest.life),) if isinstance(latest.life, Life) else ()

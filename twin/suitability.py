@@ -17,10 +17,10 @@ from twin.errors import NotAvailable
 from twin.features.extract import USABLE_RATE
 from twin.features.plausible import torque_contradiction
 from twin.features.window_features import WindowFeatures
+from twin.gear_age import NEWNESS, unworn
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating.calibration import FIT
-from twin.updating.conditions import MATCH
 from twin.updating.depth import HARMONICS
 from twin.windows import Edges, Window
 
@@ -294,15 +294,21 @@ def _history(rig: Rig, seen: Sequence[Seen], limits: SuitabilityLimits) -> Itera
             remedy="a tachometer or encoder whose count goes on between recordings (first_edge_index of the mapping)",
         )
         return
-    worn = int(np.sum(counted >= MATCH.unworn_revolutions))
-    unworn = int(np.sum(counted < MATCH.unworn_revolutions))
+    age = rig.gear_age
+    counted = counted + age.revolutions
+    new = sum(unworn(n, age.known) for n in counted.tolist())
+    worn = counted.size - new
+    of_new = f"{new} of new gears (first {NEWNESS.revolutions:.0f} turns), {worn} later"
     text = (
-        f"windows at {counted.min():.0f} to {counted.max():.0f} revolutions: {unworn} of new gears (first "
-        f"{MATCH.unworn_revolutions:.0f} turns), {worn} later"
+        f"windows at {counted.min():.0f} to {counted.max():.0f} revolutions: "
+        f"{of_new if age.known else 'the age of the gears is not known'}"
     )
     remedies = []
-    if not unworn:
-        remedies.append("windows of the gears when new: without them, deviations of unworn teeth count as wear")
+    if not new:
+        remedies.append(
+            "a wear depth measured at a stop (`inspections`): no window is of new gears, so that what had worn before "
+            "the first is not known"
+        )
     if worn < limits.least_worn:
         remedies.append(f"at least {limits.least_worn} later windows: a wear rate needs them")
     yield Finding(level=NOTE if remedies else OK, text=text, remedy="; ".join(remedies))

@@ -30,6 +30,7 @@ from twin.baseline.turn_impacts import TurnImpactThresholds
 from twin.baseline.verdict import DiagnosisThresholds
 from twin.detectability.machines import HealthySpread
 from twin.detectability.nulls import NullThresholds
+from twin.detectability.visible import SimulatedBlows
 from twin.detectability.windows import NoiseOfFloor
 from twin.effects.eccentricity import EccentricityDetection
 from twin.effects.facts import DetectionThresholds
@@ -53,6 +54,7 @@ from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.off_orders import OffOrderThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
+from twin.gear_age import Newness
 from twin.inspected import InspectionLimits
 from twin.instruments.bursts import BurstThresholds
 from twin.instruments.delays import DelayThresholds
@@ -152,6 +154,7 @@ SETS: tuple[type, ...] = (
     SufficiencyLimits,
     PathThresholds,
     HealthySpread,
+    SimulatedBlows,
     NullThresholds,
     NoiseOfFloor,
     StatedRate,
@@ -228,6 +231,7 @@ SETS: tuple[type, ...] = (
     CalibrationFit,
     CarriedOver,
     ConditionMatch,
+    Newness,
     RevolutionCount,
     LevelComparison,
     ChangingSpeed,

@@ -76,6 +76,7 @@ def summary_lines(answer: Mapping[str, Any]) -> list[str]:
         *_wear(answer["wear"], (answer.get("rig") or {}).get("mesh_stiffness")),
         *_life(answer),
         *verdict(answer),
+        *could_be_found(answer.get("detectable")),
         *modulation.sentences(answer.get("modulation")),
         f"Windows: {listed or 'none'}",
         *_notes(answer["windows"], answer["wear"].get("reason")),
@@ -102,6 +103,10 @@ def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:
         f"Largest wear depth, both flanks: {spread(depth.get('combined'), 'µm')}",
         f"  pinion {spread(depth.get('pinion'), 'µm')}; gear {spread(depth.get('gear'), 'µm')}",
     ]
+    growth = wear.get("growth")
+    if growth:
+        grown, since = spread(growth["max_depth_um"], "µm"), f"{growth['since_revolutions']:,.0f} revolutions"
+        lines.append(f"  grown since the first window that measured it ({since}): {grown}")
     lines += _preliminary(wear.get("preliminary"))
     if wear.get("reason"):
         lines.append(f"  {wear['reason']}")
@@ -114,6 +119,26 @@ def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:
         if mesh_stiffness:
             lines.append(f"  mesh stiffness: {mesh_stiffness}")
     return lines
+
+
+def could_be_found(found: Mapping[str, Any] | None) -> list[str]:
+    """What the windows would have shown where nothing was found, and the false alarms of a year."""
+    if not found:
+        return []
+    lines = [f"What {found['windows']} windows would have shown, where nothing was found:"]
+    for one in found["effects"]:
+        what, of = one["name"].replace("_", " "), one["parameter"].replace("_", " ")
+        value = one["value"]
+        from_ = f"{of} from {number(value)} {one['unit']}".rstrip() if value is not None else "nothing"
+        lines.append(f"  {what}: {from_} ({one['basis']})")
+    alarms = found["false_alarms"]
+    if alarms.get("per_machine_year") is None:
+        return [*lines, f"  {alarms['reason']}"]
+    return [
+        *lines,
+        f"  false alarms of a healthy machine: at most {number(alarms['per_machine_year'])} a year, by "
+        f"{alarms['searches_per_year']:.0f} searches at a rate of {100 * alarms['rate']:g} %",
+    ]
 
 
 def _validity(validity: Any) -> list[str]:

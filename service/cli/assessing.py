@@ -12,75 +12,29 @@ Prefix = Annotated[
 ]
 
 
-def searches_effects(no_trace: bool) -> bool:
-    """Whether effects are searched for: not if the option or the environment says no."""
-    return settings_of().trace and not no_trace
-
-
 def assessed(
     recording: Path,
     rig: Path | None,
-    update: str,
     asset: str | None,
     prefix: str | None,
-    enough: Any = None,
-    trace: bool = True,
-    relation: Path | None = None,
-    detectability: Path | None = None,
-    false_alarm_rate: float | None = None,
+    **given: Any,
 ) -> dict[str, Any]:
-    """An assessment, with its progress and one line for each fault of the data on standard error."""
-    from service.cli.show import progress_bar
-    from service.runtime.assess import assess as run
-    from service.runtime.assess import warnings
+    """An assessment, with its progress and one line for each fault of the data on standard error.
 
-    options = options_of(update, trace, relation, detectability, false_alarm_rate)
+    given  as in `service.runtime.by_settings.assess_by_settings`
+    """
+    from service.cli.show import progress_bar
+    from service.runtime.assess import warnings
+    from service.runtime.by_settings import assess_by_settings
+
     with progress_bar("assessing") as bar:
-        answer = run(
-            recording,
-            rig,
-            options,
-            lambda share, windows: bar(share, f"{windows} windows"),
-            asset=asset,
-            prefix=prefix_of(prefix),
-            assembly=windowing(),
-            **({"enough": enough} if enough else {}),
-        )
+        answer = assess_by_settings(
+            settings_of(prefix=prefix), recording, rig, asset=asset,
+            progress=lambda share, windows: bar(share, f"{windows} windows"), **given,
+        )  # fmt: skip
     for line in warnings(recording, answer):
         tell(line)
     return answer
-
-
-def options_of(
-    update: str,
-    trace: bool,
-    relation: Path | None = None,
-    detectability: Path | None = None,
-    false_alarm_rate: float | None = None,
-) -> Any:
-    """The options of the twin by the settings and what was given."""
-    from service.files.detectability import nulls_of
-    from twin.options import Options
-
-    known = None
-    if relation is not None:
-        from service.files.relation import read_relation
-
-        known = read_relation(relation)
-    settings = settings_of()
-    return Options(
-        update=update,
-        trace=trace,
-        relation=known,
-        status_limits=settings.status_limits,
-        false_alarm_rate=settings.false_alarm_rate if false_alarm_rate is None else false_alarm_rate,
-        nulls=nulls_of(detectability_files(detectability)),
-    )
-
-
-def detectability_files(given: Path | None) -> list[Path]:
-    """The files about simulated healthy machines: those of the settings, and the one that was given."""
-    return [*settings_of().detectability, *([] if given is None else [given])]
 
 
 def give(answer: dict[str, Any], json: Path | None) -> None:

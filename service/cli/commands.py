@@ -19,7 +19,6 @@ from service.cli.assessing import (
     demand_finite,
     give,
     prefix_of,
-    searches_effects,
     settings_of,
     tell,
     windowing,
@@ -91,7 +90,11 @@ Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording 
 RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")]
 Asset = Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")]
 UpdateMethod = Annotated[
-    Update, typer.Option(help="Method that sets the depth: transmission error (fused) or vibration level (rms).")
+    Update | None,
+    typer.Option(
+        help="Method that sets the depth: transmission error (fused) or vibration level (rms); default: the setting, "
+        "else fused."
+    ),
 ]
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
@@ -107,7 +110,7 @@ def assess(
     recording: Recording,
     rig: RigFile = None,
     json: JsonFile = None,
-    update: UpdateMethod = Update.fused,
+    update: UpdateMethod = None,
     no_trace: NoTrace = False,
     relation: Annotated[
         Path | None, typer.Option(help="Relation of level and depth (from `relate`), for machines without a model.")
@@ -132,8 +135,8 @@ def assess(
 
     try:
         answer = assessed(
-            recording, rig, update.value, asset, prefix, trace=searches_effects(no_trace), relation=relation,
-            detectability=detectability, false_alarm_rate=false_alarm_rate,
+            recording, rig, asset, prefix, update=None if update is None else update.value, trace=not no_trace,
+            relation=relation, detectability=detectability, false_alarm_rate=false_alarm_rate,
         )  # fmt: skip
     except Unassessable as error:
         wrote_json(error.answer, json)
@@ -161,7 +164,7 @@ def calibrate(
     def enough(records: Any) -> bool:
         return sum(r["kind"] == "measurement" and r["quality"] != "refused" for r in records) >= unworn
 
-    answer = assessed(recording, rig, Update.fused.value, asset, prefix, enough, trace=False)
+    answer = assessed(recording, rig, asset, prefix, enough=enough, trace=False)
     used = [r["index"] for r in answer["windows"] if r["quality"] != "refused"]
     found = {"asset": answer["asset"], "windows": used, "calibration": answer["calibration"]}
     if not wrote_json(found, json):
@@ -354,8 +357,7 @@ def report(
     from service.cli.report import load_answer, machine_of, text_report, write_report
 
     answered = source.suffix == ".json"
-    trace = searches_effects(no_trace)
-    answer = load_answer(source) if answered else assessed(source, rig, Update.fused.value, asset, prefix, trace=trace)
+    answer = load_answer(source) if answered else assessed(source, rig, asset, prefix, trace=not no_trace)
     for path in out or ():
         write_report(answer, path, machine_of(source, rig, prefix_of(prefix)))
         tell(f"report written to {path}")
@@ -418,7 +420,7 @@ def diagnose(
     elif source.suffix == ".json":
         answer = load_answer(source)
     else:
-        answer = assessed(source, rig, Update.fused.value, asset, prefix)
+        answer = assessed(source, rig, asset, prefix)
         if answer.get("unattributed_lines"):
             answer["energy_breakdown"] = energy_of(source, rig, windowing(), prefix_of(prefix))
     if base_radii_mm is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,14 @@ def import_(
     ],
     out: Annotated[Path | None, typer.Option(help="MCAP file to write.", show_default=False)] = None,
     source: Annotated[Path | None, typer.Option(help="Data file instead of the one that the mapping names.")] = None,
+    age: Annotated[
+        str | None,
+        typer.Option(
+            help="Age of the gears when the file begins: new, 5000 rev (revolutions), 1200 h (hours run), or unknown; "
+            "default: the mapping's, of its own file.",
+            show_default=False,
+        ),
+    ] = None,
     prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
@@ -69,7 +78,11 @@ def import_(
 
     said: dict[str, Any] = {}
     if guess:
-        given = {"teeth": _teeth(teeth), "speed": speed, "rig": rig, "rate": rate, "shaft": tachometer, "asset": asset}
+        age = age or _asked_age(yes)
+        given = {
+            "teeth": _teeth(teeth), "speed": speed, "rig": rig, "rate": rate, "shaft": tachometer, "asset": asset,
+            "age": age,
+        }  # fmt: skip
         path, said = _proposed(mapping, write, force, pulses_per_rev, given, quiet=str(json) == "-")
         if out is None and yes:
             out = Path(f"{_stem(mapping)}.mcap")
@@ -77,8 +90,27 @@ def import_(
     elif out is None:
         raise InputError("--out must name the MCAP file to write; or --guess: propose a mapping for a data file")
     if out is not None:
-        said |= _imported(mapping, out, source, prefix_of(prefix), quiet=str(json) == "-")
+        said |= _imported(mapping, out, source, prefix_of(prefix), age, quiet=str(json) == "-")
     wrote_json(said, json)
+
+
+def _asked_age(yes: bool) -> str | None:
+    """The age of the gears as a person at a terminal types it; None where nobody is asked."""
+    from service.errors import InputError
+    from service.files.gear_age import age_of
+
+    if yes or not sys.stdin.isatty():
+        return None
+    while True:
+        given = typer.prompt(
+            "Age of the gears when the file begins (new / such as 5000 rev or 1200 h / unknown)", default="unknown"
+        )
+        try:
+            age_of("age", given, speed_hz=1.0)
+        except InputError as error:
+            typer.echo(str(error), err=True)
+            continue
+        return given
 
 
 def _stem(path: Path) -> str:
@@ -127,6 +159,7 @@ def _proposed(
         speed=given["speed"],
         rig=None if rig is None else os.path.relpath(rig, path.parent),
         pulses_per_rev=pulses_per_rev,
+        age=given["age"],
     )
     text = mapping_text(proposal, known)
     if path.exists() and not force and path.read_text(encoding="utf-8") != text + "\n":
@@ -161,16 +194,20 @@ def _print_proposal(table: Any, proposal: Any) -> None:
     Console().print(shown)
 
 
-def _imported(mapping: Path, out: Path, source: Path | None, prefix: str, *, quiet: bool) -> dict[str, Any]:
+def _imported(
+    mapping: Path, out: Path, source: Path | None, prefix: str, age: str | None, *, quiet: bool
+) -> dict[str, Any]:
     from service.cli.show import progress_bar
-    from service.files.import_recording import import_recording
+    from service.files.import_recording import UNKNOWN_AGE, import_recording
 
     with progress_bar("importing") as bar:
         found = import_recording(
-            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix
+            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age
         )
     if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
+    if found["notes"].get("age") == UNKNOWN_AGE:
+        tell(UNKNOWN_AGE)
     for label, counts in found["encoders"].items():
         if any(counts.get(fault) for fault in ("illegal_transitions", "reversals", "missed", "doubled")):
             tell(f"{label}: {found['notes'][label]}")

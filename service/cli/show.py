@@ -41,6 +41,13 @@ def number(value: Any, digits: int = 4) -> str:
 
 def spread(value: Any, unit: str) -> str:
     """A median with its 5–95 % band, or why there is none."""
+    if isinstance(value, Mapping) and value.get("median") is None and (value.get("p05") or value.get("p95")):
+        low, high = value.get("p05"), value.get("p95")
+        return (
+            f"at least {number(low)} {unit} (95 % confidence)"
+            if low
+            else f"below {number(high)} {unit} (95 % confidence)"
+        )
     if not isinstance(value, Mapping) or value.get("median") is None:
         return reason(value)
     return f"{number(value['median'])} {unit} (5–95 %: {number(value.get('p05'))} … {number(value.get('p95'))})"

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import Prefix, prefix_of, searches_effects, settings_of, tell, windowing
+from service.cli.assessing import Prefix, prefix_of, settings_of, tell, windowing
 
 
 def what_if(
@@ -55,7 +55,7 @@ def what_if(
     if source.startswith(("http://", "https://")):
         found = _of_service(source, asset, asked)
     else:
-        found = _of_recording(Path(source), rig, asset, prefix, asked, trace=searches_effects(no_trace))
+        found = _of_recording(Path(source), rig, asset, prefix, asked, trace=not no_trace)
     if not wrote_json(found, json):
         print(text(found))
 
@@ -84,8 +84,8 @@ def _of_recording(
     from service.contract.what_if_answer import answer
     from service.errors import InputError
     from service.runtime.assess import assess_with_state, warnings
+    from service.runtime.by_settings import options_of
     from twin.errors import NotAvailable, ParameterError
-    from twin.options import Options
 
     try:
         given = WhatIfIn(**asked)
@@ -93,7 +93,7 @@ def _of_recording(
         first = error.errors()[0]
         name = ".".join(str(part) for part in first["loc"]) or "question"
         raise InputError(f"{name}: {first['msg'].removeprefix('Value error, ')}") from None
-    options = Options(trace=trace, status_limits=settings_of().status_limits)
+    options = options_of(settings_of(), trace=trace)
     with progress_bar("assessing") as bar:
         assessed_rig, state, found = assess_with_state(
             recording, rig, options, lambda share, windows: bar(share, f"{windows} windows"),

@@ -11,6 +11,7 @@ from service.contract.alarms import AlarmCount
 from service.contract.attribution import Calibration, Tracing
 from service.contract.base import ContractModel, NotAvailable, not_available
 from service.contract.baseline import Baseline, UnattributedLines, UnattributedSearch
+from service.contract.detectable import Detectable
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
@@ -48,6 +49,9 @@ class Asset(ContractModel):
     residual: Residual | NotAvailable
     effects: list[Effect]
     unexplained: Unexplained | NotAvailable
+    detectable: Detectable | None = Field(
+        default=None, description="what could have been found; where nothing was, or the verdict is `explained`"
+    )
     calibration: Calibration | NotAvailable
     tracing: Tracing | NotAvailable
     baseline: Baseline | None = None
@@ -77,6 +81,8 @@ def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
         "unexplained": Unexplained.of(found.unexplained).as_json(),
         "calibration": part_of(found.calibration, Calibration),
     }
+    if found.detectable is not None:
+        parts["detectable"] = Detectable.of(found.detectable).as_json()
     if found.attribution is not None:
         parts["tracing"] = Tracing.of(found.attribution).as_json()
     if found.baseline is not None:

@@ -24,6 +24,9 @@ if TYPE_CHECKING:  # a start of the service loads no part of the twin that compu
     from twin import assessment
 
 
+UNKNOWN_AGE = "the age of the gears is not known: the depth is at least what has worn since the first window"
+
+
 class Depths(ContractModel):
     """Largest depth along the profile, by flank [µm]."""
 
@@ -125,13 +128,29 @@ def preliminary_of(value: assessment.Preliminary | None) -> Preliminary | None:
     return None if value is None else Preliminary.of(value)
 
 
+class WearGrowth(ContractModel):
+    """What the combined depth has grown by since the first window that measured it."""
+
+    since_revolutions: float = Field(description="of the pinion at that window")
+    windows: int = Field(description="that have measured the depth")
+    max_depth_um: Band = Field(description="growth of the combined depth [µm]")
+
+    @classmethod
+    def of(cls, growth: assessment.WearGrowth) -> WearGrowth:
+        return cls(
+            since_revolutions=growth.since_revolutions,
+            windows=growth.windows,
+            max_depth_um=Band.of(growth.depth, MICROMETRE),
+        )
+
+
 class Wear(ContractModel):
     """Wear now, by the model of the machine or by a relation of level and depth."""
 
     k_wear_per_n: float | None = Field(description="Archard coefficient K [1/N]")
     specific_wear_rate_m2_per_n: float | None = Field(description="dimensional coefficient k [m²/N]")
     max_depth_um: Depths
-    profile: Profile | None = Field(description="depth along both flanks")
+    profile: Profile | None = Field(description="depth along both flanks; null where only a growth is known")
     method: str = Field(description="what set the depth")
     dwell_time_s: float | None = None
     dwell_time_at_hz: float | None = None
@@ -143,6 +162,9 @@ class Wear(ContractModel):
         default=None, description="why no upper bound of the depth is known, or the lower one is zero"
     )
     preliminary: Preliminary | None = Field(default=None, description="null where the depth is established")
+    growth: WearGrowth | None = Field(
+        default=None, description="since the first window, where no window has seen the gears new"
+    )
     inspections: Inspections | None = Field(default=None, description="measured depths that are part of the estimate")
 
     @classmethod
@@ -154,13 +176,14 @@ class Wear(ContractModel):
     @classmethod
     def _of_model(cls, wear: assessment.Wear) -> Wear:
         parts: dict[str, Any] = {} if wear.inspected is None else {"inspections": Inspections.of(wear.inspected)}
+        parts |= {} if wear.growth is None else {"growth": WearGrowth.of(wear.growth)}
         return cls(
             k_wear_per_n=wear.wear_coefficient,
             dwell_time_s=wear.dwell_time,
             dwell_time_at_hz=wear.dwell_time_speed,
             specific_wear_rate_m2_per_n=wear.specific_wear_rate,
             max_depth_um=Depths(**{flank: Band.of(wear.depth[flank], MICROMETRE) for flank in Depths.model_fields}),
-            profile=Profile.of(wear.profile),
+            profile=None if wear.profile is None else Profile.of(wear.profile),
             method=wear.method,
             validity=Validity(
                 contact_loss_from_um=in_unit(wear.validity.contact_loss_from, MICROMETRE),
@@ -168,6 +191,7 @@ class Wear(ContractModel):
                 valid=wear.validity.valid,
             ),
             methods=Methods.of(wear.methods),
+            reason=None if wear.depth["combined"].median is not None else UNKNOWN_AGE,
             preliminary=preliminary_of(wear.preliminary),
             **parts,
         )

@@ -20,6 +20,7 @@ class Known:
     speed: float | None = None  # of the pinion [Hz]
     rig: str | None = None  # rig file, as the mapping file names it
     pulses_per_rev: int = 1
+    age: str | None = None  # of the gears when the file begins
 
 
 def with_reference(proposal: Proposal, reference: str | None) -> Proposal:
@@ -53,6 +54,10 @@ def mapping_text(proposal: Proposal, known: Known) -> str:
     lines = ['schema = "gear-import/1"', f"asset = {toml_value(known.asset)}"]
     if known.rig is not None:
         lines.append(f"rig = {toml_value(known.rig)}")
+    if known.age is None:
+        lines.append('# age = "new"  # of the gears when the file begins: also "5000 rev" or "1200 h"; else not known')
+    else:
+        lines.append(f"age = {toml_value(known.age)}  # of the gears when the file begins")
     lines += ["", "[file]", f"path = {toml_value(known.path)}"]
     if known.rate is not None:
         lines.append(f"sample_rate_hz = {known.rate:g}")

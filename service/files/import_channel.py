@@ -47,7 +47,7 @@ class ChannelMapping:
     offset: float = 0.0
     edges_per_rev: int = 0  # 0 where the data file holds it, or of no encoder
     edges_per_rev_from: str = ""  # the number of the data file that holds it
-    first_edge_index: int = 0
+    first_edge_index: int | None = None  # None where the mapping does not state it, and edges count from 0
     pulses: PulseSettings | None = None  # of a tachometer
     note: str = ""
 
@@ -105,7 +105,8 @@ def _channel(where: str, key: str, prefix: str, name: str, table: dict[str, Any]
         raise InputError(f"{where}: {key}.unit = {unit!r} must be one of {', '.join(kind.import_units)}{hint}")
     _refuse(where, key, table, OF_PULSES, f"goes with kind {TACHOMETER!r} only")
     conversion = kind.import_units[unit]
-    edges, edges_from, first = 0, "", 0
+    edges, edges_from = 0, ""
+    first: int | None = None
     if kind.layout is Layout.EDGES:
         given = table.get("edges_per_rev")
         if isinstance(given, str):
@@ -186,8 +187,9 @@ def _kind_of(where: str, key: str, name: str, segment: str) -> ChannelKind:
     return kind
 
 
-def _first_edge_index(where: str, key: str, table: dict[str, Any]) -> int:
-    return int(number_of(where, f"{key}.first_edge_index", table.get("first_edge_index", 0), (0, 2**53), ""))
+def _first_edge_index(where: str, key: str, table: dict[str, Any]) -> int | None:
+    given = table.get("first_edge_index")
+    return None if given is None else int(number_of(where, f"{key}.first_edge_index", given, (0, 2**53), ""))
 
 
 def _scale(where: str, key: str, table: dict[str, Any]) -> float:

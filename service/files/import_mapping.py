@@ -5,6 +5,7 @@
     description = "…"
     started = 2020-10-28T00:00:00Z         # left out where not known, or where the data file states it
     notes = ["…"]                          # kept with the recording
+    age = "new"                            # of the gears when the file begins: also "5000 rev", "1200 h" or "unknown"
 
     [file]
     path = "channels.csv"                  # of any format of service/files/readers, relative to this file
@@ -50,6 +51,7 @@ from typing import Any
 
 from service.errors import InputError
 from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of, table_of
+from service.files.gear_age import age_of
 from service.files.import_channel import KEYS, ChannelMapping, mapped_channels
 from service.files.readers import TextForm, format_of
 from service.files.rig import checked_rig, load_mapping
@@ -58,7 +60,7 @@ SCHEMA = "gear-import/1"
 RATES = (1.0, 1e7)  # [Hz]
 TEXT_FILES = (".csv", ".tsv", ".txt", ".gz", ".dat", ".asc")
 _KEYS: dict[str, tuple[str, ...]] = KEYS | {
-    "": ("schema", "asset", "description", "started", "notes", "file", "channels", "rig"),
+    "": ("schema", "asset", "description", "started", "notes", "age", "file", "channels", "rig"),
     "file.": ("path", "sample_rate_hz", "time_column", "delimiter", "decimal", "header_row"),
 }
 
@@ -78,6 +80,7 @@ class ImportMapping:
     text: TextForm
     channels: tuple[ChannelMapping, ...]
     rig: dict[str, Any]
+    age: str | float | None  # of the gears when the file begins, as in a rig file; None where it is not stated
 
 
 def load_import_mapping(path: str | Path) -> ImportMapping:
@@ -124,7 +127,15 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
         text=_text_form(where, file),
         channels=mapped,
         rig=rig,
+        age=_age(where, data, rig),
     )
+
+
+def _age(where: str, data: dict[str, Any], rig: dict[str, Any]) -> str | float | None:
+    """The gears' age when the file begins; a rig file of its own speaks of the machine's counter, not of this file."""
+    if "age" in data:
+        return age_of(f"{where}: age", data["age"], rig.get("operating", {}).get("pinion_speed_hz"))
+    return None if isinstance(data.get("rig"), str) else rig.get("gears", {}).get("age")
 
 
 def _rig_of(where: str, data: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ forward, stands in `import`. A frame without an edge says that the shaft stood s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +26,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
+from service.files.gear_age import age_of
 from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
 from service.files.import_check import contradicted_units, likely_mistakes
 from service.files.import_columns import DataFile, Measured, read_columns
@@ -37,9 +38,14 @@ from service.stream.wire.topics import PREFIX, Channel, topic_of
 from twin.encoder_pair.motion import forward_edges, quadrature
 from twin.errors import WindowError
 from twin.features.pulses import pulses_of
+from twin.gear_age import NEW, UNKNOWN
 
 FRAME_LENGTH = 0.5  # [s]
 SLOW_INTERVAL = 1.0  # over which a slow channel's column is averaged to one value [s]
+UNKNOWN_AGE = (
+    'the age of the gears is not stated, so only what wears from here on can be known: `age = "new"` in the mapping, '
+    "or --age (new, such as 5000 rev, such as 1200 h, or unknown) states it"
+)
 CLOCK_START = datetime(2000, 1, 1, tzinfo=UTC)  # of a recording whose start is not known
 
 Progress = Callable[[int, int], None]
@@ -51,15 +57,23 @@ def import_recording(
     progress: Progress | None = None,
     source: str | Path | None = None,
     prefix: str = PREFIX,
+    age: str | None = None,
 ) -> dict[str, Any]:
     """Writes the recording that a mapping file describes; returns what was written and what was left out.
 
     progress  called with the frames written and their total
     source    data file in place of the mapping's `file.path`
     prefix    first part of the recording's topics
+    age       of the gears when the file begins: `new`, "5000 rev", "1200 h" or `unknown`; None for what the mapping
+              states of its own file
     """
     mapping = load_import_mapping(mapping_path)
     data_file = Path(source) if source is not None else mapping.path
+    if age is not None:
+        speed = mapping.rig.get("operating", {}).get("pinion_speed_hz")
+        mapping = replace(mapping, age=age_of("--age", age, speed))
+    elif source is not None and Path(source).resolve() != mapping.path.resolve():
+        mapping = replace(mapping, age=None)  # the mapping's is that of its own file
     return written_recording(mapping, data_file, out_path, progress, prefix)
 
 
@@ -81,8 +95,10 @@ def written_recording(
     counted = _counted(data)
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
     notes = _notes(data, data_file, counted)
+    rig, said = with_age(mapping)
+    notes |= {"age": said} if said else {}
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
-    write_recording(out_path, frames, metadata, notes, to_toml(mapping.rig), progress, prefix)
+    write_recording(out_path, frames, metadata, notes, to_toml(rig), progress, prefix)
     return {
         "recording": str(out_path),
         "asset": mapping.asset,
@@ -95,6 +111,26 @@ def written_recording(
         "notes": notes,
         "mistakes": [*contradicted_units(mapping.channels, data.units), *likely_mistakes(Path(out_path), prefix)],
     }
+
+
+def with_age(mapping: ImportMapping) -> tuple[dict[str, Any], str]:
+    """The rig file to attach, with what is known of the gears' age where its edges begin to count, and a note on it.
+
+    A file has no counter of its own: its edges count from 0, or from a `first_edge_index` that is one since new.
+    """
+    encoders = [c for c in mapping.channels if CHANNEL_KINDS[c.kind].layout is Layout.EDGES]
+    if not encoders:
+        return mapping.rig, ""
+    if any(c.first_edge_index is not None for c in encoders):
+        age: str | float = NEW
+        said = "edges count from new gears: first_edge_index is stated"
+    elif mapping.age is None or mapping.age == UNKNOWN:
+        age, said = UNKNOWN, UNKNOWN_AGE if mapping.age is None else "the age of the gears is not known"
+    else:
+        age = mapping.age
+        said = "new gears" if age == NEW else f"the gears have made {age:,.0f} revolutions when the file begins"
+    gears = {**mapping.rig.get("gears", {}), "age": age}
+    return {**mapping.rig, "gears": gears}, said
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,13 +200,14 @@ def _all_frames(
         begin = start_ns + round(measured.start * NS)
         if channel.label in counted:
             found = counted[channel.label]
-            first = channel.first_edge_index + found.first_index
+            first = (channel.first_edge_index or 0) + found.first_index
             frames += _edge_frames(channel.edges_per_rev, address, found.times, begin, first, found.length)
         elif CHANNEL_KINDS[channel.kind].layout is Layout.EDGES:
             if measured.values[0] < 0:
                 where = f"{mapping.where}: {channel.key}"
                 raise InputError(f"{where}: edge times begin at {measured.values[0]:g} s, before 0")
-            frames += _edge_frames(channel.edges_per_rev, address, measured.values, start_ns, channel.first_edge_index)
+            first = channel.first_edge_index or 0
+            frames += _edge_frames(channel.edges_per_rev, address, measured.values, start_ns, first)
         elif CHANNEL_KINDS[channel.kind].slow:
             frames += _slow_frames(address, measured, begin)
         else:

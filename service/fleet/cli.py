@@ -48,8 +48,12 @@ def assess(
     ] = None,
     rig: Annotated[Path | None, typer.Option(help="Rig file; default: the one attached to each recording.")] = None,
     update: Annotated[
-        Update, typer.Option(help="Method that sets the depth: transmission error (fused) or vibration level (rms).")
-    ] = Update.fused,
+        Update | None,
+        typer.Option(
+            help="Method that sets the depth: transmission error (fused) or vibration level (rms); default: the "
+            "setting, else fused."
+        ),
+    ] = None,
     no_trace: Annotated[bool, typer.Option("--no-trace", help="Model wear alone: do not search for effects.")] = False,
     relation: Annotated[
         Path | None, typer.Option(help="Relation of level and depth (from `relate`), for machines without a model.")
@@ -68,15 +72,16 @@ def assess(
     ] = None,
 ) -> int:
     """Assess many recordings side by side; a run that was interrupted goes on where it ended."""
-    from service.cli.assessing import searches_effects, tell
+    from service.cli.assessing import tell
     from service.cli.show import progress_bar
     from service.fleet.batch import SUMMARY, assess_all
     from service.fleet.stored_recordings import stored_recordings
     from service.json_text import wrote_json
 
     work = work_of(
-        results, rig, update.value, searches_effects(no_trace), relation, detectability, false_alarm_rate, asset, prefix
-    )
+        results, rig, None if update is None else update.value, not no_trace, relation, detectability,
+        false_alarm_rate, asset, prefix,
+    )  # fmt: skip
     found = stored_recordings(recordings)
     done = 0
     with progress_bar("assessing") as bar:
@@ -107,7 +112,7 @@ def assess(
 def work_of(
     results: str,
     rig: Path | None,
-    update: str,
+    update: str | None,
     trace: bool,
     relation: Path | None = None,
     detectability: Path | None = None,
@@ -119,11 +124,12 @@ def work_of(
     from dataclasses import asdict
     from hashlib import sha256
 
-    from service.cli.assessing import detectability_files, options_of, prefix_of, windowing
+    from service.cli.assessing import prefix_of, settings_of, windowing
     from service.errors import InputError
     from service.files.rig import load_rig
     from service.fleet.assess_task import Work
     from service.json_text import plain
+    from service.runtime.by_settings import detectability_files, options_of
 
     def content(path: Path) -> bytes:
         try:
@@ -136,15 +142,21 @@ def work_of(
 
     if rig is not None:
         load_rig(rig)
-    options, assembly = options_of(update, trace, relation, detectability, false_alarm_rate), windowing()
-    files = detectability_files(detectability)
+    settings, assembly = settings_of(), windowing()
+    options = options_of(
+        settings, update=update, trace=trace, relation=relation, detectability=detectability,
+        false_alarm_rate=false_alarm_rate,
+    )  # fmt: skip
+    files = detectability_files(settings, detectability)
     given = {
-        "update": update,
-        "trace": trace,
+        "update": options.update,
+        "error_threshold": options.error_threshold,
+        "trace": options.trace,
         "false_alarm_rate": options.false_alarm_rate,
         "status_limits": asdict(options.status_limits),
         "assembly": asdict(assembly),
-        "relation": digest(relation),
+        "baseline": digest(settings.baseline),
+        "relation": digest(relation or settings.relation),
         "detectability": sorted(digest(path) or "" for path in files),
         "rig": digest(rig),
         "asset": asset,

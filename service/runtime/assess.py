@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from service.contract.answer import assemble
 from service.contract.rig import RigSummary
 from service.errors import FrameError, InputError
-from service.files.rig import checked_rig, load_rig
+from service.files.rig import checked_rig, load_mapping
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin, gear_twin
@@ -159,13 +159,22 @@ def choose_asset(recording: Source, asset: str | None) -> str:
 
 def rig_of(recording: Source, rig_path: str | Path | None) -> Rig:
     """The rig of a file, or the recording's attachment."""
-    if rig_path is not None:
-        return load_rig(rig_path)
     mapping = recording.rig()
+    if rig_path is not None:
+        return _with_age(load_mapping(rig_path), mapping, str(rig_path))
     if mapping is None:
         why = f" ({'; '.join(recording.faults)})" if recording.faults else ""
         raise InputError(f"{recording.path}: no rig.toml is attached{why}: give a rig file")
     return checked_rig(mapping, f"{recording.path}: attached rig.toml")
+
+
+def _with_age(given: dict[str, Any], attached: dict[str, Any] | None, where: str) -> Rig:
+    """A rig file given in place of the attached one: where it says nothing of the gears' age, the recording does."""
+    age = (attached or {}).get("gears", {}).get("age")
+    gears = given.get("gears", {})
+    if age is None or "age" in gears:
+        return checked_rig(given, where)
+    return checked_rig({**given, "gears": {**gears, "age": age}}, where)
 
 
 class Unassessable(InputError):

@@ -1,42 +1,95 @@
-"""What the settings say of the twin and of the network."""
+"""What the settings say of the twin and of the network: the same for the service, the commands and Python."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from service.runtime.reception import assembly_settings
 from service.runtime.twin_port import Twin, gear_twin
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
+
+if TYPE_CHECKING:  # options are made where they are used: the service's own process computes nothing
+    from twin.options import Options
 
 CONNECT_WAIT = 2.0  # how long one attempt to reach an external router takes [s]
 
 
 def twin_of(settings: Settings) -> Twin:
     """The twin itself with the options of the settings."""
+    return gear_twin(options_of(settings))
+
+
+def options_of(
+    settings: Settings,
+    *,
+    update: str | None = None,
+    trace: bool = True,
+    relation: Path | None = None,
+    detectability: Path | None = None,
+    false_alarm_rate: float | None = None,
+) -> Options:
+    """The options of the twin by the settings, and what is given in place of them.
+
+    trace          False: effects are not searched for, whatever the settings say
+    detectability  a file besides those of the settings
+
+    Raises service.errors.InputError where a file cannot be used.
+    """
     from service.files.detectability import nulls_of
     from twin.options import Options
 
-    baseline = relation = None
+    baseline, known, relation = None, None, relation or settings.relation
     if settings.baseline is not None:
         from service.files.baseline import read_baseline
 
         baseline = read_baseline(settings.baseline)
-    if settings.relation is not None:
+    if relation is not None:
         from service.files.relation import read_relation
 
-        relation = read_relation(settings.relation)
-    return gear_twin(
-        Options(
-            update=settings.update,
-            error_threshold=settings.error_threshold,
-            trace=settings.trace,
-            false_alarm_rate=settings.false_alarm_rate,
-            nulls=nulls_of(settings.detectability),
-            baseline=baseline,
-            relation=relation,
-            status_limits=settings.status_limits,
-        )
+        known = read_relation(relation)
+    return Options(
+        update=update or settings.update,
+        error_threshold=settings.error_threshold,
+        trace=settings.trace and trace,
+        false_alarm_rate=settings.false_alarm_rate if false_alarm_rate is None else false_alarm_rate,
+        nulls=nulls_of(detectability_files(settings, detectability)),
+        baseline=baseline,
+        relation=known,
+        status_limits=settings.status_limits,
     )
+
+
+def detectability_files(settings: Settings, given: Path | None) -> list[Path]:
+    """The files about simulated healthy machines: those of the settings, and the one that was given."""
+    return [*settings.detectability, *([] if given is None else [given])]
+
+
+def assess_by_settings(
+    settings: Settings,
+    recording: str | Path,
+    rig: str | Path | None = None,
+    *,
+    asset: str | None = None,
+    progress: Callable[[float, int], None] = lambda share, windows: None,
+    enough: Callable[[Any], bool] = lambda records: False,
+    **given: Any,
+) -> dict[str, Any]:
+    """The answer about a recording's asset as a service with these settings gives it.
+
+    given  options in place of those of the settings, as in `options_of`
+
+    Raises service.errors.InputError where the recording or a file cannot be used.
+    """
+    from service.runtime.assess import assess
+
+    return assess(
+        recording, rig, options_of(settings, **given), progress, asset=asset, prefix=settings.prefix,
+        assembly=assembly_settings(settings), enough=enough,
+    )  # fmt: skip
 
 
 def zenoh_of(settings: Settings) -> OpenTransport:

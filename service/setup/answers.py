@@ -9,6 +9,7 @@
     module = "2 mm"
     face_width = "20 mm"
     encoder_pinion = 1024
+    age = "new"                        # of the gears now: also "5000 rev", "1200 h" or "unknown"
 
     [[accelerometers]]                 # the first is the reference
     column = "Acc1 (g)"
@@ -32,6 +33,7 @@ from typing import Any
 
 from service.errors import InputError
 from service.files.documents import check_asset, load_document
+from service.files.gear_age import age_of
 from service.setup.questions import OF_SENSOR, QUESTIONS, Question
 from service.setup.units import quantity
 
@@ -68,6 +70,7 @@ class Answers:
     pressure_angle: float  # [rad]
     helix_angle: float  # [rad]
     profile_shift: float
+    age: str | float  # of the gears now: new, unknown, or revolutions of the pinion
     material: str
     lubrication: str
     wear_limit: float | None  # [m]
@@ -133,6 +136,7 @@ def checked_answers(data: Mapping[str, Any], where: str) -> Answers:
             raise InputError(f"{where}: {key} is not a question of init; known: {', '.join(sorted(known_keys))}")
     read = {q.key: read_answer(f"{where}: {q.key}", q, data.get(q.key)) for q in QUESTIONS}
     check_asset(where, read)
+    read["age"] = age_of(f"{where}: age", read["age"], read["speed"])
     accelerometers = data.get("accelerometers", [])
     if not isinstance(accelerometers, list) or not all(isinstance(a, dict) for a in accelerometers):
         raise InputError(f"{where}: accelerometers must be tables: [[accelerometers]]")
@@ -160,6 +164,9 @@ def read_answer(where: str, question: Question, given: Any) -> Any:
         return str(given)
     if question.kind == "yes":
         return _yes(where, given)
+    if question.kind == "age":
+        age_of(where, given, speed_hz=1.0)  # refuses what is none; the speed comes with the other answers
+        return given
     if question.kind == "choice":
         if given not in question.choices:
             raise InputError(f"{where} = {given!r} must be one of {', '.join(question.choices)}")

@@ -15,6 +15,7 @@ def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
         'schema = "gear-import/1"',
         f"asset = {value_text(answers.asset)}",
         f"rig = {value_text(rig_name)}",
+        f"age = {value_text(age_text(answers.age))}  # of the gears when the file begins",
         "",
         "[file]",
         f"path = {value_text(path)}" + ("" if answers.data_file else "  # replace: your data file"),
@@ -32,6 +33,11 @@ def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
         if edges:
             lines += ["", *_encoder(answers.encoder_signal, shaft, edges, column)]
     return "\n".join(lines)
+
+
+def age_text(age: str | float) -> str:
+    """The age of the gears as a mapping file states it."""
+    return age if isinstance(age, str) else f"{age:.0f} rev"
 
 
 def _column(column: str | None, name: str) -> list[str]:

@@ -14,7 +14,7 @@ class Question:
 
     key: str
     text: str  # what is asked
-    kind: str  # "text", "count", "number", "yes", "choice", or a kind of units.UNITS
+    kind: str  # "text", "count", "number", "yes", "choice", "age", or a kind of units.UNITS
     example: str = ""
     default: str | None = None  # as a person would write it; None where there is none
     needed: bool = False  # whether there is no rig file without it
@@ -53,6 +53,8 @@ QUESTIONS = (
              hint="the model is of spur gears"),
     Question(key="profile_shift", text="Profile shift coefficient of the pinion", kind="number", default="0",
              example="0.3", hint="the model is of gears without profile shift"),
+    Question(key="age", text="Age of the gears now: new, revolutions of the pinion, hours run, or unknown", kind="age",
+             default="unknown", example="1200 h", hint="without it only what wears from here on can be known"),
     Question(key="material", text="Material of the gears", kind="choice", default="steel", choices=MATERIALS),
     Question(key="lubrication", text="Lubrication", kind="choice", default="oil", choices=LUBRICATION),
     Question(key="wear_limit", text="Wear depth of both flanks together that ends the life (Enter: 10 % of the tooth)",

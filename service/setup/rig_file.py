@@ -73,6 +73,7 @@ def draft_of(answers: Answers) -> RigDraft:
     given: dict[str, Any] = {"schema": "gear-rig/1", "name": answers.asset}
     given |= _operating(answers) | _sensors(answers)
     values, origin = dict(given), dict.fromkeys(given, "given")
+    values["gears.age"], origin["gears.age"] = answers.age, "given: when a counter of the revolutions is at 0"
     origin["sensors.band_hz"] = f"derived: {ABOUT['sensors.band_hz']}"
     reasons = why_no_model(answers)
     derived: list[str] = []

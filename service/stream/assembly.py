@@ -51,7 +51,7 @@ class AssemblySettings:
     length: float = 10.0  # of the pieces an unbroken stream is cut into [s]
     gap: float = 1.0  # pause that ends a burst [s]
     patience: int = 256  # frames that a key lets pass while one is missing
-    settle: int = 16  # frames in good order that prove a gap real
+    settle: int = 24  # frames in good order that prove a gap real
     max_bytes: int = 128 * 2**20  # held while waiting
     window_bytes: int = 8 * MOST_SAMPLES  # of one window with all its channels, and of the frames that make it
     expected: tuple[str, ...] = ()  # channels that are waited for before the first window: accel/y6, ...

@@ -10,7 +10,7 @@ from twin.errors import ParameterError
 from twin.levels.basis import by_cases
 from twin.levels.monotone import fit_monotone, monotone
 from twin.levels.relation import INDICATOR, Quantity, Relation
-from twin.levels.wear_by_level import bounds_reason
+from twin.levels.wear_by_level import bounds_reason, stated
 
 CONDITIONS = {k: c.condition for k, c in CURVES.items()}
 TEETH = (18, 35)
@@ -76,8 +76,10 @@ def test_unworn_gears_are_not_ruled_out_at_their_own_level_and_are_far_above_it(
     unworn = {k: float(np.exp(np.log(v[~cases.worn]).mean())) for k, v in cases.level.items()}
     low = found.depth(unworn)
     assert low.unworn and low.p05 == 0 and "the levels may be those of unworn gears" in bounds_reason(low)
+    assert stated(low).median is None and stated(low).p95 > 0
     high = found.depth({k: 3 * v for k, v in unworn.items()})
     assert not high.unworn and high.p05 > 0 and bounds_reason(high) is None
+    assert stated(high).median == high.median
 
 
 def test_run_in_gears_quieter_than_new_ones_do_not_hide_that_these_are_louder():

@@ -219,16 +219,18 @@ def test_a_coarse_encoder_is_named():
 
 def test_questions_are_asked_and_a_wrong_answer_is_asked_again(tmp_path):
     said = [
-        "box-1", "19", "52", "", "600", "600 rpm", "", "628 W", "", "71 mm", "", "20 mm", "", "", "", "", "dry", "",
-        "1024", "2048", "edge times", "e1", "", "yes", "", "", "", "", "", "",
+        "box-1", "19", "52", "", "600", "600 rpm", "", "628 W", "", "71 mm", "", "20 mm", "", "", "",
+        "old", "1200 h", "", "dry", "", "1024", "2048", "edge times", "e1", "", "yes", "", "", "", "", "", "",
         "y", "acc", "g", "", "", "n",
     ]  # fmt: skip
     run = CliRunner().invoke(app, ["init", "--out", str(tmp_path), "--json", "-"], input="\n".join(said) + "\n")
     assert run.exit_code == 0, run.output
     assert "speed = '600' needs a number with its unit" in run.output
+    assert "age = 'old' must be new, unknown, revolutions of the pinion" in run.output
     rig = load_rig(tmp_path / "rig.toml")
     mapping = tomllib.loads((tmp_path / "mapping.toml").read_text())
     assert mapping["channels"]["encoder"]["pinion"]["column"] == "e1"
+    assert rig.get("gears.age") == pytest.approx(1200 * 3600 * 10.0) and mapping["age"] == "43200000 rev"
     assert rig.name == "box-1" and rig.get("gears.module") == pytest.approx(0.002)
     answer = json.loads(run.output[run.output.index("{") :])
     assert answer["abilities"][0]["what"] == "wear depth"

@@ -14,7 +14,7 @@ from service.contract.answer import Asset
 ROOT = Path(__file__).parents[2]
 MIGRATION = "state_v1.py"  # reads the names of version 1, by definition
 NOT_SI = re.compile(r"(?:^|_)(?:um|percent|hours|urad|mm|deg|degc|rpm|ms)$", re.IGNORECASE)
-RIG_KEY = re.compile(r"^(?:\w+\.)?(?:pressure_angle_deg|min_deg|max_deg|hours_per_day|\w*_degC)$")
+RIG_KEY = re.compile(r"^(?:\w+\.)?(?:pressure_angle_deg|contact_angle_deg|min_deg|max_deg|hours_per_day|\w*_degC)$")
 SCALING = re.compile(r"^(?:MICRO|PERCENT|MILLI)\w*$")
 PLAIN = {  # keys that are plain words or field names of the core, too
     "index", "kind", "name", "value", "unit", "std", "windows", "orders", "bands", "status", "reason", "reasons",

@@ -55,9 +55,9 @@ QUANTITIES = {
     "held-out acceleration": (held_out("waveform"), HEALTHY.waveform, "depth"),
     "mesh lines": (misfit, VERDICT_LIMITS.doubtful_misfit, "depth"),
     "wear rate": (rate, LIFE.measurable, "life"),
-    "level rise": (rise, LIMITS.level_rise, "no_life"),
-    "other gears": (other_gears, LIMITS.other_gears, "not_this_machine"),
-    "unreachable level": (unreachable, LIMITS.unreachable, "not_this_machine"),
+    "level rise": (rise, LIMITS.level_rise, "missing"),
+    "other gears": (other_gears, LIMITS.other_gears, "missing"),
+    "unreachable level": (unreachable, LIMITS.unreachable, "missing"),
 }
 
 

@@ -19,6 +19,7 @@ from twin.step import Options
 from twin.tracing.state import Tracing, TwinStage
 from twin.tracing.wear_alone import band_of_wear_alone
 from twin.updating.history import WindowInput, replay_history
+from twin.updating.inspections import MEASURED_DEPTH
 from twin.updating.joint_gauge import SIZE, LineFactors
 from twin.updating.memory import Memory
 
@@ -70,8 +71,15 @@ def test_model_that_no_unworn_window_has_calibrated_is_in_doubt():
     assert "no window of the new gears has calibrated the model" in doubts(rig, outcome)
     found = confidence_of(rig, outcome, GOOD)
     low, high = found.band
-    assert low == 0.0 and high >= 1.2 * outcome.depth
-    assert any("when they are new" in remedy for remedy in found.depth.remedies)
+    first = outcome.memory.points[0].depth
+    assert 0.9 * (outcome.depth - first) < low < outcome.depth - first and high >= 1.2 * outcome.depth
+    assert found.depth.remedies == (MEASURED_DEPTH,)  # the gears are new no more
+    assert any("when they are new" in remedy for remedy in confidence_of(rig, unworn_now(outcome), None).depth.remedies)
+
+
+def unworn_now(outcome):
+    """The same while the gears still are new."""
+    return replace(outcome, unworn=True)
 
 
 def test_poor_calibration_is_doubted_until_held_out_windows_confirm_the_twin():
@@ -123,17 +131,17 @@ def test_estimated_rig_file_is_named():
     assert "the rig file's structure are estimates by gear-twin init" in doubts(rig, outcome)
 
 
-def test_depth_by_level_is_preliminary_and_reaches_down_to_zero_where_the_level_has_not_risen():
+def test_depth_by_level_is_preliminary_and_is_not_available_where_the_level_has_not_risen():
     rig, outcome = latest()
     worn = by_level(outcome)
     found = confidence_of(rig, worn, GOOD)
-    assert "the vibration level alone" in found.depth.reasons[0] and found.no_life is None and found.band[0] > 0
+    assert "the vibration level alone" in found.depth.reasons[0] and found.missing is None and found.band[0] > 0
     assert found.life.reasons[0] == found.depth.reasons[0]  # however many worn windows its rate rests on
     same = replace(worn, rms_measured=outcome.memory.unworn[-1].rms)
     quiet = confidence_of(rig, same, GOOD)
-    assert "it shows wear from +50 % on" in quiet.no_life and quiet.band[0] == 0.0
+    assert "it shows wear from +50 % on" in quiet.missing and quiet.depth is None
     unknown = confidence_of(rig, replace(worn, memory=replace(worn.memory, unworn=())), GOOD)
-    assert "is not known" in unknown.no_life and unknown.band[0] == 0.0
+    assert "is not known" in unknown.missing and unknown.depth is None
 
 
 def test_band_by_level_widens_with_the_misfit_of_the_calibration():
@@ -145,13 +153,13 @@ def test_band_by_level_widens_with_the_misfit_of_the_calibration():
 
 def test_machine_that_the_model_does_not_describe_has_neither_depth_nor_life():
     rig, outcome = latest()
-    assert "4.0 times their scatter" in confidence_of(rig, by_level(outcome, misfit=16.0), GOOD).not_this_machine
+    assert "4.0 times their scatter" in confidence_of(rig, by_level(outcome, misfit=16.0), GOOD).missing
     level = by_level(outcome)
     off = replace(level.rms_result, rms_after=3 * level.rms_measured, updated=True, converged=False)
-    assert "in another unit" in confidence_of(rig, replace(level, rms_result=off), GOOD).not_this_machine
+    assert "in another unit" in confidence_of(rig, replace(level, rms_result=off), GOOD).missing
     lines = replace(outcome.estimate, misfit=36.0)
     other = replace(outcome, memory=replace(outcome.memory, fit=None), estimate=lines)
-    assert "6.0 times" in confidence_of(rig, other, GOOD).not_this_machine
+    assert "6.0 times" in confidence_of(rig, other, GOOD).missing
 
 
 BEFORE = History(latest=4, windows=4, revolutions=1000.0, depth=30e-6, depth_high=32e-6)

@@ -30,6 +30,7 @@ from twin.assessment.baseline import (
     UnattributedLines,
     UnattributedSearch,
 )
+from twin.assessment.detectable import Detectable, FalseAlarms, SmallestSize
 from twin.assessment.effects import (
     ChannelErrors,
     EffectAssessment,
@@ -69,6 +70,7 @@ from twin.assessment.wear import (
     Preliminary,
     RelationOrigin,
     Wear,
+    WearGrowth,
     WearProfile,
 )
 from twin.assessment.whole import Assessment, CountEvent, Event, LifeEvent, UpdateEvent, WindowEvent
@@ -86,12 +88,14 @@ __all__ = [
     "ChannelErrors",
     "CountEvent",
     "DepthPair",
+    "Detectable",
     "EffectAssessment",
     "EffectEvent",
     "EncoderPair",
     "EstablishedBefore",
     "Event",
     "Evidence",
+    "FalseAlarms",
     "FlankProfile",
     "FusedEstimate",
     "GearIndicators",
@@ -131,6 +135,7 @@ __all__ = [
     "SharpStep",
     "SidebandLimit",
     "SidebandPair",
+    "SmallestSize",
     "SpectralLine",
     "SpectrumExcerpt",
     "StatedRatio",
@@ -140,6 +145,7 @@ __all__ = [
     "Unexplained",
     "UpdateEvent",
     "Wear",
+    "WearGrowth",
     "WearProfile",
     "WindowAssessment",
     "WindowEvent",

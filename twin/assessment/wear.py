@@ -80,6 +80,16 @@ class InspectionResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WearGrowth:
+    """What the combined depth has grown by since the first window that measured it."""
+
+    since_revolutions: float  # of the pinion at that window
+    windows: int  # that have measured it
+    depth: Interval  # [m]
+    by_model: Interval | None = None  # depth without regard to what is not known of it, which inspections settle [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wear:
     """Wear by the model of the machine."""
 
@@ -88,11 +98,12 @@ class Wear:
     dwell_time: float  # of the contact at the rig file's speed [s]
     dwell_time_speed: float  # that speed [Hz]
     depth: Mapping[str, Interval]  # largest, by flank: combined, pinion, gear [m]
-    profile: WearProfile
+    profile: WearProfile | None  # None where only a growth is known
     method: str  # what set the depth
     methods: MethodEstimates
     validity: ModelValidity
     preliminary: Preliminary | None = None  # None where the depth is established
+    growth: WearGrowth | None = None  # where no window has seen the gears new
     inspected: InspectionResult | None = None  # where inspections are part of the estimate
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from twin.assessment.attribution import Attribution, CalibrationAssessment, EffectEvent
 from twin.assessment.baseline import BaselineAssessment, UnattributedLines, UnattributedSearch
+from twin.assessment.detectable import Detectable
 from twin.assessment.effects import EffectAssessment, Residual, Unexplained
 from twin.assessment.encoder_pair import EncoderPair
 from twin.assessment.modulation import Modulation
@@ -64,6 +65,7 @@ class Assessment:
     unexplained: Unexplained
     calibration: CalibrationAssessment | Unavailable
     attribution: Attribution | None = None
+    detectable: Detectable | None = None  # where nothing was found, or what is there is explained
     baseline: BaselineAssessment | None = None
     encoder_pair: EncoderPair | Unavailable | None = None  # None where the machine has a model, or no two encoders
     unattributed_lines: tuple[UnattributedLines, ...] | None = None

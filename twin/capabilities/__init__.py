@@ -14,6 +14,7 @@ from typing import Protocol
 from twin.capabilities import (
     baseline_comparison,
     condition_indicators,
+    detectable,
     encoder_pair,
     level_relation,
     likely_mistakes,
@@ -49,4 +50,5 @@ CAPABILITIES: tuple[Capability, ...] = (
     shaft_modulation,
     likely_mistakes,
     condition_indicators,
+    detectable,
 )

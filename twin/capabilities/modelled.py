@@ -38,7 +38,7 @@ from twin.updating.life import life_of
 from twin.updating.residual import WindowResidual, residual_of_window, residual_over
 from twin.updating.running_time import dated
 from twin.updating.update import NEEDED, UpdateOutcome
-from twin.updating.wear_now import depth_of, methods_of, wear_coefficient, wear_of
+from twin.updating.wear_now import as_age_allows, depth_of, methods_of, wear_coefficient, wear_of
 
 RATTLE = (
     "tooth separation (rattle) detected: wear depth and remaining life are not available, because there is no steady "
@@ -71,7 +71,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     alone = band_of_wear_alone(rig, result.tracing)
     confidence = confidence_of(rig, result.outcome, result.tracing.error, state.history, alone=alone)
     assessment = answer_of(rig, state, result.tracing, recent, result.outcome, confidence)
-    record = _with_estimate(_record(context, result.outcome, result.tracing, confidence), assessment.wear)
+    record = _with_answer(_record(context, result.outcome, result.tracing, confidence), assessment.wear)
     index = context.input.index if isinstance(assessment.wear, Wear) else None
     history = history_after(rig, state.history, result.outcome, confidence, index)
     events: list[Event] = [*result.events]
@@ -98,8 +98,9 @@ def answer_of(
     """The answer of a machine with a model, without a window's record."""
     unexplained = unexplained_of(recent, doubts_of(rig, outcome), tracing.error)
     wear, life = with_inspections(
-        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome, confidence), state.inspections
+        rig, outcome.memory, *_wear_and_life(rig, tracing, outcome, confidence), state.inspections, outcome.age_known
     )  # fmt: skip
+    wear, life = as_age_allows(outcome, wear, life)
     life = dated(rig, life, state.running)
     return Assessment(
         window=None,
@@ -133,8 +134,8 @@ def _why_none(tracing: Tracing, confidence: Confidence) -> str | None:
     """Why neither depth nor life is available; None where they are."""
     if separates_teeth(tracing):
         return RATTLE
-    if confidence.not_this_machine is not None:
-        return f"wear depth and remaining life are not available: {confidence.not_this_machine}"
+    if confidence.missing is not None:
+        return f"wear depth and remaining life are not available: {confidence.missing}"
     return None
 
 
@@ -204,9 +205,13 @@ def _record(context: Context, outcome: UpdateOutcome, tracing: Tracing, confiden
     )  # fmt: skip
 
 
-def _with_estimate(record: WindowAssessment, wear: Wear | LevelWear | Unavailable) -> WindowAssessment:
-    """The record with the depth and the coefficient of the answer, where inspections are part of them."""
-    if not isinstance(wear, Wear) or wear.inspected is None:
+def _with_answer(record: WindowAssessment, wear: Wear | LevelWear | Unavailable) -> WindowAssessment:
+    """The record with the depth and the coefficient of the answer, where the window's own are not all that it says."""
+    if not isinstance(wear, Wear):
+        return record
+    if wear.depth["combined"].median is None:
+        return replace(record, depth=wear.depth["combined"], methods=None)
+    if wear.inspected is None:
         return record
     return replace(record, depth=wear.depth["combined"], wear_coefficient=wear.wear_coefficient)
 

@@ -156,7 +156,7 @@ class NonGearFeatures:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Impacts:
+class Impacts:
     """What the envelope of one window says."""
 
     kurtosis: float | None = None
@@ -199,7 +199,7 @@ def non_gear_features(
         readings = (*(w.reading(track.speed) for w in wandering), *readings)
     except TwinError:
         return None
-    impacts = _impacts(rig, signal, track.speed, limits)
+    impacts = impacts_of(rig, signal, track.speed, limits)
     return NonGearFeatures(
         duration=window.duration,
         speed_hz=float(track.speed),
@@ -307,10 +307,12 @@ def _may_be_of_a_shaft(tone: Tone, teeth: tuple[int, int], speed_hz: float, step
     )
 
 
-def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeatureThresholds) -> _Impacts:
+def impacts_of(
+    rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeatureThresholds = THRESHOLDS
+) -> Impacts:
     """Impulsiveness and envelope of a window; each part that cannot be computed is not available, with the reason."""
     if not signal.usable.all():
-        return _Impacts(fault="impacts are not searched for: the acceleration has gaps")
+        return Impacts(fault="impacts are not searched for: the acceleration has gaps")
     shafts = (("pinion", 1.0), ("gear", rig.teeth[0] / rig.teeth[1]))
     top, per_turn = rig.band[1], 2 * pi / signal.step
     try:
@@ -318,9 +320,9 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
         rest = middle.values
         wide = kurtogram(rest, per_turn, wider_than=limits.least_width * top / speed_hz)
     except TwinError as reason:
-        return _Impacts(fault=f"impacts are not searched for: {reason}")
+        return Impacts(fault=f"impacts are not searched for: {reason}")
     if not wide:
-        return _Impacts(fault="impacts are not searched for: no band of the acceleration is wide enough")
+        return Impacts(fault="impacts are not searched for: no band of the acceleration is wide enough")
     band, carrier = max(wide, key=lambda b: b.kurtosis), Carrier(rest, per_turn)
     rates: tuple[tuple[float, float], ...] = ()
     modulation: tuple[tuple[str, float], ...] = ()
@@ -339,8 +341,8 @@ def _impacts(rig: Rig, signal: AngleSignal, speed_hz: float, limits: NonGearFeat
             locks = locked_lines(envelope, *grid, _struck_orders(rates, rig.teeth, 2 / carrier.duration))
     except TwinError as reason:
         fault = f"the envelope is not examined: {reason}"
-        return _Impacts(kurtosis=float(band.kurtosis), modulation=modulation, ringing=ringing, fault=fault)
-    return _Impacts(
+        return Impacts(kurtosis=float(band.kurtosis), modulation=modulation, ringing=ringing, fault=fault)
+    return Impacts(
         kurtosis=float(band.kurtosis), rates=rates, modulation=modulation, ringing=ringing, turns=turns, locks=locks
     )
 

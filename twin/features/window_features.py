@@ -101,6 +101,7 @@ class WindowFeatures:
     speed_std_hz: float | None = None  # how well it is known
     speed_variation: float | None = None  # standard deviation over the window, relative
     revolutions: float | None = None  # pinion, absolute, at the window's middle
+    age_known: bool = True  # whether the revolutions count from new gears; else since the count began
     turns: float | None = None  # pinion turns covered
 
     torque_nm: float | None = None  # mean at the pinion's shaft

@@ -69,9 +69,7 @@ def wear_by_level(
         raise NotAvailable(str(error)) from None
     origin = relation.origin
     return LevelWear(
-        depth=Interval(
-            median=float(found.median), p05=float(found.p05), p95=float(found.p95) if found.bounded else None
-        ),
+        depth=stated(found),
         relation=RelationOrigin(
             asset=origin.asset,
             curve=origin.curve,
@@ -105,6 +103,15 @@ def _condition(relation: Relation, rig: Rig, features: WindowFeatures) -> str:
             f"the relation of level and depth holds for {known}, not for {features.speed_hz:.4g} Hz under this load"
         )
     return label
+
+
+def stated(found: DepthFound) -> Interval:
+    """The depth [m] as it is shown; no median where the levels may be those of unworn gears: none may have worn."""
+    return Interval(
+        median=None if found.unworn else float(found.median),
+        p05=float(found.p05),
+        p95=float(found.p95) if found.bounded else None,
+    )
 
 
 def bounds_reason(found: DepthFound) -> str | None:

@@ -12,9 +12,10 @@ import numpy as np
 
 from twin.errors import NotAvailable
 from twin.features.window_features import MeasuredLines, WindowFeatures
+from twin.gear_age import unworn
 from twin.model import Condition
 from twin.rig import Rig
-from twin.updating.conditions import MATCH, condition_of, kind_of
+from twin.updating.conditions import condition_of, kind_of
 
 CHANNELS = ("encoder", "torque", "acceleration")
 HARMONICS = {"encoder": 5, "torque": 3, "acceleration": 10}
@@ -74,7 +75,7 @@ def observed(rig: Rig, features: WindowFeatures, index: int, level_fault: str | 
         index=index,
         condition=condition,
         revolutions=features.revolutions,
-        worn=kind_of(features, rig) == "measurement" and features.revolutions >= MATCH.unworn_revolutions,
+        worn=kind_of(features, rig) == "measurement" and not unworn(features.revolutions, features.age_known),
         pinion_only=pinion_only,
         lines={name: y for name, (y, _) in found.items()},
         std={name: σ for name, (_, σ) in found.items()},

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from twin.errors import NotAvailable, WindowError
 from twin.features.plausible import torque_contradiction
 from twin.features.window_features import WindowFeatures
+from twin.gear_age import unworn
 from twin.model import Condition
 from twin.rig import Rig
 from twin.thresholds import deciding
@@ -14,20 +15,13 @@ from twin.thresholds import deciding
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConditionMatch:
-    """Which windows are calibration tests, and which are of new flanks."""
+    """Which windows are calibration tests."""
 
     calibration_point: float = deciding(
         0.15,
         of="speed and torque of a calibration point",
         meaning="relative difference up to which a window is a test at that point",
         source="not derived: chosen so that a drive which holds its set point within some per cent is recognised",
-    )
-    unworn_revolutions: float = deciding(
-        150.0,
-        unit="turns of the pinion",
-        meaning="a window before so many turns since new is one of unworn flanks",
-        source="not derived: chosen so that the first windows of a campaign count; at the reference rig's wear "
-        "coefficient the depth is then 4 µm",
     )
 
 
@@ -119,11 +113,16 @@ class Measured:
     features: WindowFeatures
     condition: Condition
     kind: str  # `measurement` or `calibration`
-    revolutions: float  # of the pinion since new
+    revolutions: float  # of the pinion since new; since the count began where the gears' age is not known
     rms: float | None  # in the rig's band [m/s²]; None without a usable accelerometer
     noise: float  # the part of it that lies between the orders [m/s²]
     level_fault: str | None  # why the level may not be compared (a clipped sensor), None where it may
     torque_fault: str | None  # why the torque is doubtful, None where it is not
+
+    @property
+    def unworn(self) -> bool:
+        """Whether the flanks are known to be new."""
+        return unworn(self.revolutions, self.features.age_known)
 
     @classmethod
     def of(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from twin.assessment import FLANKS
 from twin.errors import ParameterError
 
+MEASURED_DEPTH = "measure the wear depth at a stop, and enter it (`inspections`)"  # a remedy, for people
 MOST_INSPECTIONS = 40  # those of the highest revolutions are used
 
 

@@ -19,7 +19,7 @@ from twin.rig import Rig
 from twin.structure_spread import is_estimated
 from twin.thresholds import deciding
 from twin.updating import encoders, half_width, rms_update
-from twin.updating.conditions import MATCH, Measured
+from twin.updating.conditions import Measured
 from twin.updating.depth import DEPTH, DepthEstimate
 from twin.updating.depth_search import depth_from
 from twin.updating.disc_remount import SettledDepth, settled
@@ -134,7 +134,7 @@ def measurement_window(
     """Updates the twin by a window of the campaign; NotAvailable where the method in use lacks what it needs."""
     features, condition = window.features, window.condition
     allowed = window.revolutions <= options.update_until
-    telling = allowed and window.revolutions >= MATCH.unworn_revolutions  # unworn teeth show no wear rate
+    telling = allowed and not window.unworn  # unworn teeth show no wear rate
     expected = predict(rig, memory, window, index)
     found = _measured(rig, memory, window, expected)
     estimate, expectation = None, expected.expectation
@@ -150,7 +150,7 @@ def measurement_window(
     track = expected.track
     if estimate is not None and allowed:
         if telling:
-            track = _followed(memory, expected, estimate, scatter)
+            track = _followed(memory, expected, estimate, scatter, features.age_known)
             memory = _with_point(memory, expected, estimate, scatter)
         memory = _learned(rig, memory, window, expected.model, expectation, estimate, index)
     memory = replace(memory, track=track)
@@ -168,7 +168,7 @@ def measurement_window(
         rms_measured=window.rms, rms_predicted=verdict.rms_predicted, rms_after=verdict.rms_after,
         updated=verdict.updated, depth=verdict.depth, depth_band=verdict.depth_band, method=verdict.method,
         estimate=estimate, rms_result=rms_result, rms_depth=rms_depth, expectation=expectation, lines=verdict.lines,
-        torque_fault=window.torque_fault,
+        torque_fault=window.torque_fault, unworn=window.unworn, age_known=features.age_known,
         notes=(*notes, *_notes_on(window), *verdict.notes, *_notes_on_depth(estimate, expectation)),
     )  # fmt: skip
 
@@ -181,11 +181,10 @@ def _measured(rig: Rig, memory: Memory, window: Measured, expected: Prediction) 
             memory, features, expected.model, condition,
             lambda gauge: depth_from(gauge, near, expected.model, expected.depth, expected.unworn),
         )  # fmt: skip
-    worn = window.revolutions >= MATCH.unworn_revolutions
     search = (
-        of_unknown_depth(near, expected.model, expected.depth, expected.unworn)
-        if worn
-        else of_known_depth(near, expected.model, 0.0)
+        of_known_depth(near, expected.model, 0.0)
+        if window.unworn
+        else of_unknown_depth(near, expected.model, expected.depth, expected.unworn)
     )
     return settled_jointly(rig, memory, features, condition, search)
 
@@ -218,12 +217,17 @@ def _by_level(
     )
 
 
-def _followed(memory: Memory, expected: Prediction, estimate: DepthEstimate, scatter: DepthScatter) -> WearTrack:
+def _followed(
+    memory: Memory, expected: Prediction, estimate: DepthEstimate, scatter: DepthScatter, age_known: bool
+) -> WearTrack:
     """The track after a window whose depth the encoders gave."""
     curve, depth = expected.curve, estimate.depth
     work = expected.base + curve.work_at(depth)
     std = _own_std(estimate, scatter)
-    return memory.track.followed(expected.revolutions, work, std * curve.work_per_depth(depth))
+    std *= curve.work_per_depth(depth)
+    if not memory.track.windows and not age_known:
+        return memory.track.first_seen(expected.revolutions, work, std)
+    return memory.track.followed(expected.revolutions, work, std)
 
 
 def _own_std(estimate: DepthEstimate, scatter: DepthScatter) -> float:
@@ -292,7 +296,7 @@ def _by_encoders(
     """The fused method: the depth of the encoders, the level with what was learned of path and mesh."""
     error = 0.0 if window.rms is None else expected.rms / window.rms - 1
     updated = allowed and window.level_fault is None and abs(error) > options.threshold
-    unworn = allowed and expected.revolutions < MATCH.unworn_revolutions
+    unworn = allowed and window.unworn
     depth, std = estimate.depth, estimate.stated_std if unworn else stated_std(estimate, memory)
     method = "pinion encoder" if window.features.transmission_error is None else "transmission error"
     if not allowed:

@@ -48,6 +48,8 @@ class UpdateOutcome:
     estimate: DepthEstimate | None  # by the encoders, where they were there
     rms_result: RmsResult | None  # by the RMS, where a level was there
     rms_depth: float  # by the RMS alone [m]
+    unworn: bool  # whether the flanks are known to be new
+    age_known: bool  # whether the revolutions count from new flanks
     expectation: Expectation | None
     lines: np.ndarray  # predicted acceleration lines after the update (LINES,) [m/s²]
     torque_fault: str | None = None  # why the torque is doubtful

@@ -128,6 +128,12 @@ class WearTrack:
             ahead = replace(self.predicted(revolutions, RATE.running_in), steady=0)
         return ahead.corrected(work, std)
 
+    def first_seen(self, revolutions: float, work: float, std: float) -> WearTrack:
+        """The track of flanks of unknown age after their first window: its work x [rad/N] says nothing of the rate."""
+        return replace(
+            self, revolutions=revolutions, work=work, var_work=std**2, cov=0.0, windows=1, steady=1
+        )  # fmt: skip
+
     def rescaled(self, factor: float) -> WearTrack:
         """The same depth history on another curve, whose work at the present depth is `factor` times this one's."""
         return replace(

@@ -12,7 +12,7 @@ from twin.structure_spread import is_estimated
 from twin.thresholds import deciding
 from twin.updating import encoders
 from twin.updating.calibration import calibrate, compliance_scale
-from twin.updating.conditions import MATCH, Measured
+from twin.updating.conditions import Measured
 from twin.updating.depth_search import phase_of_known_depth
 from twin.updating.joint_update import of_known_depth, settled_jointly
 from twin.updating.measurement import SCATTER, measurement_window, projected_std, unworn_model
@@ -75,11 +75,10 @@ def _calibrated(rig: Rig, memory: Memory, features: WindowFeatures) -> Memory:
 
 def _calibrates(memory: Memory, window: Measured, windows: CalibrationWindows = WINDOWS) -> bool:
     """Whether a window is one of unworn flanks with a known load and a level, and the calibration still open."""
-    unworn = window.kind == "calibration" or window.revolutions < MATCH.unworn_revolutions
     known_load = window.kind == "measurement" or window.features.torque_nm is not None
     still_open = memory.track.windows == 0 and len(memory.unworn) < windows.most
     sound = window.level_fault is None and window.torque_fault is None
-    return unworn and known_load and sound and still_open
+    return window.unworn and known_load and sound and still_open
 
 
 def update_twin(
@@ -99,6 +98,8 @@ def update_twin(
     """
     rig.require("wear", *NEEDED)
     window = Measured.of(features, rig, level_fault, torque_fault)
+    if not (window.unworn or memory.track.windows):
+        window = replace(window, kind="measurement")  # of flanks that nothing is known of, at whatever speed
     memory = with_profiles(rig, _started(rig, memory))
     if _calibrates(memory, window):
         memory = _calibrated(rig, memory, features)
@@ -134,4 +135,5 @@ def _calibration_window(rig: Rig, memory: Memory, window: Measured, index: int) 
         rms_after=rms, updated=False, depth=depth, depth_band=depth_band(depth, projected_std(track, depth)),
         method="projection" if track.windows else "unworn", estimate=estimate, rms_result=None, rms_depth=depth,
         expectation=expectation, lines=lines, torque_fault=window.torque_fault,
+        unworn=window.unworn, age_known=features.age_known,
     )  # fmt: skip

@@ -5,6 +5,8 @@ depth of a flank = combined depth · share of the flank        shares as wear/ar
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from twin.assessment import (
@@ -12,20 +14,28 @@ from twin.assessment import (
     FlankProfile,
     FusedEstimate,
     Interval,
+    Life,
     MethodEstimates,
     ModelValidity,
     RmsEstimate,
+    Unavailable,
     Wear,
     WearProfile,
 )
 from twin.geometry import GearPair
 from twin.geometry.involute import roll_angle
 from twin.rig import Rig
+from twin.updating.growth import growth_of
+from twin.updating.inspections import MEASURED_DEPTH
 from twin.updating.update import UpdateOutcome, reference_rate
 from twin.wear.archard import pinion_share, specific_wear_rate
 from twin.wear.profile import WornProfile
 
 PROFILE_POINTS = 65
+NO_LIFE = (
+    "remaining life is not available: the age of the gears is not known, so what had worn before the first window is "
+    f"not known either; {MEASURED_DEPTH}"
+)
 
 
 def wear_of(rig: Rig, outcome: UpdateOutcome) -> Wear:
@@ -51,6 +61,29 @@ def wear_of(rig: Rig, outcome: UpdateOutcome) -> Wear:
             valid=bool(outcome.depth <= outcome.curve.valid_to and (loss is None or outcome.depth < loss)),
         ),
     )
+
+
+def as_age_allows(
+    outcome: UpdateOutcome, wear: Wear | Unavailable, life: Life | Unavailable
+) -> tuple[Wear | Unavailable, Life | Unavailable]:
+    """Wear and life with the growth since the first window, where no window has seen the gears new.
+
+    Where their age is not known either, that growth is all that is known: the depth is not below it, and there is no
+    life. As they are where an inspection has measured the depth.
+    """
+    growth = None if outcome.memory.unworn else growth_of(outcome.memory)
+    if growth is None or not isinstance(wear, Wear):
+        return wear, life
+    if outcome.age_known or wear.inspected is not None:
+        return replace(wear, growth=growth), life
+    depth = wear.depth["combined"]
+    return replace(
+        wear,
+        depth={flank: Interval(median=None, p05=known.p05, p95=None) for flank, known in wear.depth.items()},
+        profile=None,
+        methods=MethodEstimates(fused=None, rms=None),
+        growth=replace(growth, by_model=depth),
+    ), Unavailable(reason=NO_LIFE)
 
 
 def wear_shares(rig: Rig) -> dict[str, float]:

@@ -32,7 +32,8 @@ function depthCard({ wear }, machine) {
   if (!isAvailable(depth)) return null;
   const { limit } = machine;
   if (!Number.isFinite(depth.median)) {
-    return card("Largest wear depth", `at least ${fixed(depth.p05)}`, "µm", wear.reason && sentence(wear.reason), tag(wear));
+    const bound = depth.p05 > 0 || depth.p95 == null ? `at least ${fixed(depth.p05)}` : `below ${fixed(depth.p95)}`;
+    return card("Largest wear depth", bound, "µm", wear.reason && sentence(wear.reason), tag(wear));
   }
   const share = limit ? `${number(100 * depth.median / limit, 2)} % of the limit of ${number(limit)} µm` : "";
   const flanks = ["pinion", "gear"].filter((flank) => isAvailable(wear.max_depth_um[flank]))

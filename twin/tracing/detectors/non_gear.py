@@ -193,8 +193,10 @@ def _series(rates: Sequence[tuple[float, float]], limits: NonGearThresholds) -> 
     return best
 
 
-def _defect(windows: Sequence[tuple[float, NonGearFeatures]], limits: NonGearThresholds) -> BearingFinding | None:
-    """The defect whose multiples the windows' rates are; None where too few windows agree."""
+def defect_of(
+    windows: Sequence[tuple[float, NonGearFeatures]], limits: NonGearThresholds = THRESHOLDS
+) -> BearingFinding | None:
+    """The defect whose multiples the rates of windows, given with their revolutions, are; None where too few agree."""
     found = [(r, series) for r, w in windows if (series := _series(w.rates, limits)) is not None]
     if len(found) < limits.least_windows:
         return None
@@ -242,7 +244,7 @@ def find_non_gear_content(
     teeth         of both gears; None where they are not known
     known         orders of lines that effects found make
     """
-    defect = _defect(windows, limits)
+    defect = defect_of(windows, limits)
     locked = _locked(defect, [w for _, w in windows], teeth)
     if locked is not None and teeth is not None:
         explained = lattice_full or struck or owner_of(locked, teeth, 1e-6) is not None
