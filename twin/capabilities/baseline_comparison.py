@@ -35,7 +35,7 @@ def assess(context: Context, draft: Draft) -> Draft:
         residual=result.residual,
         effects=effects,
         unexplained=result.unexplained,
-        baseline=described(baseline, result.windows[0]),
+        baseline=described(baseline, result.windows[0], result.raw_limit),
         unattributed_lines=result.unattributed_lines,
     )
     return draft.with_latest(baseline=parts).with_parts(
