@@ -90,7 +90,7 @@ def text(answer: Mapping[str, Any]) -> str:
         lines.append(f"Outside the learned operating points, compared with the nearest one: {', '.join(outside)}.")
     lines += [f"Not used: {reason}." for reason in answer["refused"]]
     lines.append(f"Wear depth and life: not available: {answer['wear']['reason']}.")
-    if answer["residual"]["channels"]:
+    if answer["residual"].get("channels"):
         lines += ["", "Error on turns that no fit used, before → after:"]
         for channel, e in answer["residual"]["channels"].items():
             lines.append(

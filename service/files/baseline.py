@@ -36,6 +36,7 @@ from twin.baseline.comparison import (
     NO_DEPTH,
     BaselineResult,
     TrackedWindow,
+    compare_levels,
     compare_with_baseline,
     described,
     pair_shafts,
@@ -74,6 +75,7 @@ class Loaded(NamedTuple):
     asset: str
     windows: list[TrackedWindow]
     refused: list[str]
+    untracked: list[Window]  # those refused
 
 
 def load(
@@ -83,6 +85,7 @@ def load(
     assembly: AssemblySettings = DEFAULT,
     prefix: str = PREFIX,
     name: str | None = None,
+    allow_untracked: bool = False,
 ) -> Loaded:
     """The windows of a recording that have a pinion angle.
 
@@ -90,6 +93,7 @@ def load(
     assembly  how frames become windows, the same as in `assess` and in the service
     prefix    first part of the recording's topics
     name      of the recording; that of its file where None
+    allow_untracked  whether windows without an angle are enough
     Raises InputError where there is none.
     """
     with Recording(path, prefix) as recording:
@@ -99,16 +103,17 @@ def load(
         shafts = pair_shafts(rig) if shafts is None else shafts
     except TwinError as error:
         raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
-    windows, refused = [], []
+    windows, refused, untracked = [], [], []
     for i, window in enumerate(read_windows(path, assembly_for(rig, assembly), prefix)[2]):
         own = f"{name or path.stem}#{i}"
         try:
             windows.append(tracked(rig, window, own, shafts))
         except TwinError as error:
             refused.append(f"{own}: {error}")
-    if not windows:
+            untracked.append(window)
+    if not windows and not (allow_untracked and untracked):
         raise InputError(f"{path}: no window can be used: {refused[0] if refused else 'there is none'}")
-    return Loaded(rig, asset, windows, refused)
+    return Loaded(rig, asset, windows, refused, untracked)
 
 
 def learned(
@@ -176,16 +181,22 @@ def compared(
     prefix: str = PREFIX,
 ) -> tuple[Loaded, BaselineResult]:
     """A recording compared with a baseline; InputError where it cannot be."""
-    loaded = load(path, rig_path, baseline.shafts, assembly, prefix)
+    loaded = load(path, rig_path, baseline.shafts, assembly, prefix, allow_untracked=True)
     try:
-        return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
+        if loaded.windows:
+            return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
+        found = compare_levels(baseline, loaded.rig, loaded.untracked, loaded.refused[0])
     except TwinError as error:
         raise InputError(f"{path}: {error}") from None
+    if not found.raw_limit.exceeded:
+        raise InputError(f"{path}: no window can be used: {loaded.refused[0]}")
+    return loaded, found
 
 
 def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[str, Any]:
     """The answer in the names of the contract."""
-    missing = not_available(NO_DEPTH)
+    missing, search = not_available(NO_DEPTH), found.unattributed_search
+    sought = None if search is None else UnattributedSearch.of(search).as_json()
     return plain(
         {
             "asset": loaded.asset,
@@ -198,7 +209,7 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
             "effects": [Effect.of(effect).as_json() for effect in found.effects],
             "unexplained": Unexplained.of(found.unexplained).as_json(),
             "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
-            "unattributed_search": UnattributedSearch.of(found.unattributed_search).as_json(),
+            "unattributed_search": sought,
             "modulation": [Modulation.of(one).as_json() for one in modulation_of(loaded, baseline)],
         }
     )
@@ -207,10 +218,10 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
 def modulation_of(loaded: Loaded, baseline: Baseline) -> tuple[assessment.Modulation, ...]:
     """Modulations of the latest usable window against those of the baseline."""
     found: list[assessment.Modulation] = []
-    latest = loaded.windows[-1]
-    for sensor, samples in latest.window.accelerations.items():
-        with suppress(TwinError):  # what cannot be read of a sensor, the comparison of its lines says
-            found += modulations(samples, latest.track, loaded.rig.teeth, sensor)
+    for latest in loaded.windows[-1:]:
+        for sensor, samples in latest.window.accelerations.items():
+            with suppress(TwinError):  # what cannot be read of a sensor, the comparison of its lines says
+                found += modulations(samples, latest.track, loaded.rig.teeth, sensor)
     return against_baseline(sorted(found, key=lambda m: -m.depth), baseline)
 
 

@@ -34,10 +34,12 @@ from twin.baseline.findings import BaselineComparison
 from twin.baseline.known_spacings import is_new, showing
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named
-from twin.baseline.reading import TURNS_PER_PERIOD, SpacingSeen, WindowReading, angle_of, read
+from twin.baseline.raw_limit import limit_on
+from twin.baseline.reading import TURNS_PER_PERIOD, SpacingSeen, WindowReading, angle_of, raw_of, read
 from twin.baseline.shaft_names import shaft_name
 from twin.baseline.spacing import Spacing, SpacingsFound, unattributed_spacings
 from twin.baseline.sufficiency import left_out_of, sufficiency_of
+from twin.baseline.verdict import with_raw_limit
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
 from twin.rig import Rig
@@ -70,7 +72,7 @@ class BaselineResult:
     unexplained: Unexplained
     windows: tuple[BaselineWindow, ...]
     unattributed_lines: tuple[UnattributedLines, ...]
-    unattributed_search: UnattributedSearch  # of the latest window
+    unattributed_search: UnattributedSearch | None  # of the latest window; None where its angle is not known
     raw_limit: RawLimit
 
 
@@ -104,11 +106,7 @@ def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[Tracke
 
     Raises TwinError where they cannot be compared.
     """
-    if rig.teeth != baseline.rig.teeth:
-        raise NotAvailable(
-            f"the rig file gives {rig.teeth} teeth, but the baseline was learned with {baseline.rig.teeth}: "
-            "which are right?"
-        )
+    demand_same_teeth(baseline, rig)
     found = diagnose(baseline, [_parts(baseline, w) for w in windows])
     names = [shaft_name(s, baseline) for s in baseline.shafts]
     return BaselineResult(
@@ -127,6 +125,34 @@ def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[Tracke
         unattributed_search=_search_of(windows[-1]),
         raw_limit=found.raw,
     )
+
+
+def compare_levels(baseline: Baseline, rig: Rig, windows: Sequence[Window], why: str) -> BaselineResult:
+    """Windows without a known angle against a healthy baseline: by their raw levels alone.
+
+    why  their lines cannot be compared
+    """
+    demand_same_teeth(baseline, rig)
+    raw = [{name: raw_of(s.values) for name, s in w.accelerations.items()} for w in windows]
+    verdict, reason, limit = with_raw_limit("insufficient_data", why, limit_on(baseline, raw), ())
+    return BaselineResult(
+        residual=Residual(reason=why),
+        effects=(),
+        unexplained=Unexplained(verdict=verdict, reason=reason),
+        windows=(),
+        unattributed_lines=(),
+        unattributed_search=None,
+        raw_limit=limit,
+    )
+
+
+def demand_same_teeth(baseline: Baseline, rig: Rig) -> None:
+    """NotAvailable where a machine has other tooth counts than the baseline."""
+    if rig.teeth != baseline.rig.teeth:
+        raise NotAvailable(
+            f"the rig file gives {rig.teeth} teeth, but the baseline was learned with {baseline.rig.teeth}: "
+            "which are right?"
+        )
 
 
 def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaft:

@@ -17,7 +17,7 @@ Holds    recordings inside the operating points that were learned
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,16 +50,28 @@ class _Learned:
         return abs(float(np.median(np.log(values))) - self.mean) / self.reach
 
 
+Raw = Mapping[str, tuple[float, float]]  # RMS and kurtosis by accelerometer (`WindowReading.raw`)
+
+
 def raw_limit(baseline: Baseline, windows: Sequence[WindowReading]) -> RawLimit:
-    """The raw measures of a recording's windows beside their limits."""
+    """The raw measures of a recording's windows beside their limits; none beyond the learned operating points."""
+    points = np.array([baseline.operating_point(r) for r in baseline.readings])
+    if all(distance_beyond(points, baseline.operating_point(r)) > OPERATING.far for r in windows):
+        beyond = "the operating point lies beyond those of the healthy recordings"
+        return RawLimit(measures=(), false_alarms=DEFAULT.false_alarms, not_compared=beyond)
+    return limit_on(baseline, [r.raw for r in windows])
+
+
+def limit_on(baseline: Baseline, windows: Sequence[Raw]) -> RawLimit:
+    """Raw measures of windows of any load beside their limits."""
     meant, factor = DEFAULT.false_alarms, baseline.repeats.factor(RAW)
     learned = _learned(baseline, DEFAULT)
-    reason = _reason(baseline, windows, learned, factor)
+    reason = _reason(learned, factor)
     if reason:
         return RawLimit(measures=(), false_alarms=meant, not_compared=reason)
     measures = []
     for one in learned:
-        values = [r.raw[one.channel][NAMES.index(one.name)] for r in windows if one.channel in r.raw]
+        values = [raw[one.channel][NAMES.index(one.name)] for raw in windows if one.channel in raw]
         if not values or min(values) <= 0:
             continue
         low, high = (float(np.exp(one.mean + sign * one.reach * factor)) for sign in (-1, 1))
@@ -101,13 +113,10 @@ def _learned(baseline: Baseline, limits: RepeatThresholds) -> list[_Learned]:
     return out
 
 
-def _reason(baseline: Baseline, windows: Sequence[WindowReading], learned: Sequence[_Learned], factor: float) -> str:
+def _reason(learned: Sequence[_Learned], factor: float) -> str:
     """Why there is no limit; empty where there is one."""
     if not learned:
         return f"fewer than {LEAST_RECORDINGS} healthy recordings with raw levels give no limit"
     if not np.isfinite(factor):
         return "most healthy recordings, left out, exceed the limit that the others give"
-    points = np.array([baseline.operating_point(r) for r in baseline.readings])
-    if all(distance_beyond(points, baseline.operating_point(r)) > OPERATING.far for r in windows):
-        return "the operating point lies beyond those of the healthy recordings"
     return ""
