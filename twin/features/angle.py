@@ -46,6 +46,15 @@ class AngleTrack:
     cubics: np.ndarray  # coefficients of (θ − start − knot)³ … ⁰ of every piece (4, m) [s]
     source: str  # which channel the angle comes from
     speed_std: float = 0.0  # standard deviation of the mean speed [Hz]
+    rivals: tuple[float, ...] = ()  # other speeds that the mesh lines suggest nearly as well [Hz]
+
+    @property
+    def doubt(self) -> str:
+        """That the speed is one of several candidates; empty where it is not."""
+        if not self.rivals:
+            return ""
+        others = " or ".join(f"{rival:.4g} Hz" for rival in self.rivals)
+        return f"the mesh lines fit {self.speed:.4g} Hz and {others}, within a per cent: either may be the speed"
 
     def time_and_slowness(self, angle) -> tuple[np.ndarray, np.ndarray]:
         """Time [s] and dt/dθ [s/rad] at each smoothed angle [rad]; any shape → two of the same."""
