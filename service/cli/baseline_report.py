@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from service.cli import baseline_left_out as left_out
 from service.cli import modulation
 from service.cli import non_gear as strange
 from service.cli.assessing import windowing
@@ -42,10 +43,20 @@ def learned_text(described: Mapping[str, Any]) -> str:
     )
     shafts = ", ".join(number(s) for s in described["shafts"])
     line = (
-        f"Baseline of {len(described['recordings'])} windows, {points}; channels {', '.join(described['channels'])}; "
+        f"Baseline of {_counted(described)}, {points}; channels {', '.join(described['channels'])}; "
         f"shafts of order {shafts} of the pinion's rotation"
     )
-    return "\n".join([line, *not_judged(described)])
+    return "\n".join([line, *left_out.sentences(described), *not_judged(described)])
+
+
+def _counted(described: Mapping[str, Any]) -> str:
+    """How many recordings a baseline has, of how many windows, days and loads."""
+    windows, found = len(described["recordings"]), described.get("sufficiency") or {}
+    if found.get("days") is None:
+        return f"{windows} windows"
+    counts = {"recording": found["recordings"], "window": windows, "day": found["days"], "load": found["loads"]}
+    first, *rest = (f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items())
+    return f"{first} ({', '.join(rest)})"
 
 
 def not_judged(described: Mapping[str, Any]) -> list[str]:
@@ -61,23 +72,25 @@ def text(answer: Mapping[str, Any]) -> str:
         lines.append(_effect(effect))
     deeper = [found for found in answer["modulation"] if found.get("new")]
     lines += modulation.sentences(deeper)
-    if not answer["effects"]:
-        what = "differs" if answer["unexplained"]["verdict"] == "explained" else "is known to differ"
-        lines.append(f"Nothing {'else ' if deeper else ''}{what} from the healthy baseline; no effect was added.")
     left = answer["unexplained"]
     if left["verdict"] == "unknown_effect":
         lines.append(f"Unknown effect: {left['reason']}.")
-    elif left["reason"]:
+    elif left["verdict"] == "insufficient_data" and not answer["effects"]:
+        lines.append(f"No verdict: {left['reason']}; no effect was added.")
+    elif not answer["effects"]:
+        lines.append(f"Nothing {'else ' if deeper else ''}differs from the healthy baseline; no effect was added.")
+    if left["reason"] and left["verdict"] != "unknown_effect" and not lines[-1].startswith("No verdict"):
         lines.append(f"Note: {left['reason']}.")
+    lines.append(left_out.raw_sentence(answer["baseline"].get("raw_limit")))
     lines += strange.sentences(answer["unattributed_lines"])
     lines += strange.search_sentences(answer.get("unattributed_search"))
-    lines += not_judged(answer["baseline"])
+    lines += [*left_out.sentences(answer["baseline"]), *not_judged(answer["baseline"])]
     outside = [w["name"] for w in answer["windows"] if not w["interpolated"]]
     if outside:
         lines.append(f"Outside the learned operating points, compared with the nearest one: {', '.join(outside)}.")
     lines += [f"Not used: {reason}." for reason in answer["refused"]]
     lines.append(f"Wear depth and life: not available: {answer['wear']['reason']}.")
-    if answer["residual"]["channels"]:
+    if answer["residual"].get("channels"):
         lines += ["", "Error on turns that no fit used, before → after:"]
         for channel, e in answer["residual"]["channels"].items():
             lines.append(

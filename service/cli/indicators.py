@@ -27,4 +27,5 @@ def indicator_lines(records: Sequence[Mapping[str, Any]]) -> list[str]:
         rows += [[*own, gear, *(number(found.get(key), 3) for _, key in GEAR)] for gear, found in gears.items()]
     widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
     table = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
-    return [f"Condition indicators, window {record['index']}", *table]
+    doubt = next((f" ({s['doubt']})" for s in record["indicators"].values() if s.get("doubt")), "")
+    return [f"Condition indicators, window {record['index']}{doubt}", *table]

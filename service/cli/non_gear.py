@@ -59,6 +59,10 @@ def _sentence(found: Mapping[str, Any]) -> str:
     place = f"{found['frequency_hz']:.3f} ± {found['frequency_std_hz']:.3f} Hz (order {found['order']:.4f})"
     if found["geared"] is not None:
         return f"Another shaft turns with the pinion as {found['geared']}: lines spaced by {place}, {shown}."
+    healthy = found.get("healthy")
+    if healthy or not found.get("new", True):
+        shows = f"{len(healthy)} healthy windows show them, too" if healthy else "healthy ones show others as clear"
+        return f"Lines of no known shaft, not new: spaced by {place}: {shown}; {shows}."
     seen = f" They stand out on {', '.join(found['channels'])}." if found.get("channels") else ""
     return (
         f"Unknown effect: lines spaced by {place} belong to no known shaft: {shown}.{seen} {slower}"

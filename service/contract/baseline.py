@@ -32,7 +32,8 @@ class BaselineWindow(ContractModel):
     between: list[str] = Field(description="recordings of the baseline that it was compared with")
     interpolated: bool
     pattern_correlation: float | None
-    same_teeth: bool
+    same_teeth: bool = Field(description="true where the tooth pattern is not compared, too")
+    pattern_compared: bool = Field(True, description="whether healthy recordings repeat their tooth pattern")
 
     @classmethod
     def of(cls, window: assessment.BaselineWindow) -> BaselineWindow:
@@ -48,6 +49,7 @@ class BaselineWindow(ContractModel):
             interpolated=window.interpolated,
             pattern_correlation=window.pattern_correlation,
             same_teeth=window.same_teeth,
+            pattern_compared=window.pattern_compared,
         )
 
 
@@ -67,6 +69,9 @@ class Sufficiency(ContractModel):
         description="least and largest load learned, of the rated one; null where it is not known"
     )
     not_judged: list[NotJudged] = Field(description="empty where the baseline suffices")
+    windows: int | None = Field(None, description="those of one source, day and load are one recording")
+    days: int | None = None
+    loads: int | None = Field(None, description="operating points apart from one another")
 
     @classmethod
     def of(cls, found: assessment.BaselineSufficiency) -> Sufficiency:
@@ -75,7 +80,81 @@ class Sufficiency(ContractModel):
             recordings_needed=found.recordings_needed,
             load_percent=None if found.load is None else [load / PERCENT for load in found.load],
             not_judged=[NotJudged(what=kind.what, reason=kind.reason) for kind in found.not_judged],
+            windows=found.windows,
+            days=found.days,
+            loads=found.loads,
         )
+
+
+class Compared(ContractModel):
+    """One kind of comparison with the baseline."""
+
+    what: str
+    channel: str | None = Field(description="null for all together")
+    limit_factor: float | None = Field(
+        description="by how much healthy recordings left out have raised its limits; null where it is not compared"
+    )
+    reason: str | None = Field(description="why it is not compared")
+
+
+class LeftOut(ContractModel):
+    """What leaving each healthy recording out in turn has shown."""
+
+    recordings: int = Field(description="left out in turn, or parts of them; 0 where there are too few")
+    false_alarms: int = Field(description="of these, called changed by limits of the others alone")
+    raw_false_alarms: int = Field(description="of these, beyond the limit on raw RMS and kurtosis")
+    meant_percent: float = Field(description="false alarms that each limit is set for")
+    compared: list[Compared]
+
+    @classmethod
+    def of(cls, found: assessment.LeftOut) -> LeftOut:
+        return cls(
+            recordings=found.recordings,
+            false_alarms=found.false_alarms,
+            raw_false_alarms=found.raw_false_alarms,
+            meant_percent=found.meant / PERCENT,
+            compared=[
+                Compared(what=c.what, channel=c.channel or None, limit_factor=c.factor, reason=c.reason or None)
+                for c in found.compared
+            ],
+        )
+
+
+class RawMeasure(ContractModel):
+    """Raw RMS or kurtosis of one accelerometer beside its limits."""
+
+    channel: str
+    name: str = Field(description="rms, in the channel's unit, or kurtosis (3 for Gaussian noise)")
+    value: float | None
+    from_: float | None = Field(alias="from")
+    to: float | None
+    beyond: bool
+
+
+class RawLimit(ContractModel):
+    """A limit on raw RMS and kurtosis beside the verdict."""
+
+    exceeded: bool
+    decides_alone: bool = Field(description="whether nothing else has called the recording changed")
+    false_alarms_percent: float = Field(description="that the limit is set for")
+    not_compared: str | None = Field(description="why there is no limit")
+    measures: list[RawMeasure]
+
+    @classmethod
+    def of(cls, found: assessment.RawLimit) -> RawLimit:
+        return cls(
+            exceeded=bool(found.exceeded),
+            decides_alone=found.decides_alone,
+            false_alarms_percent=found.false_alarms / PERCENT,
+            not_compared=found.not_compared or None,
+            measures=[
+                RawMeasure.model_validate(
+                    {"channel": m.channel, "name": m.name, "value": m.value, "from": m.low, "to": m.high,
+                     "beyond": m.beyond}
+                )
+                for m in found.measures
+            ],
+        )  # fmt: skip
 
 
 class Baseline(ContractModel):
@@ -87,6 +166,9 @@ class Baseline(ContractModel):
     channels: list[str]
     window: BaselineWindow | None = None
     sufficiency: Sufficiency | None = None
+    left_out: LeftOut | None = Field(None, description="what is compared, what not, and false alarms")
+    raw_limit: RawLimit | None = Field(None, description="of the window or recording that was compared")
+    not_learned: list[str] = Field(default_factory=list, description="recordings' channels left out, and copies")
 
     @classmethod
     def of(cls, baseline: assessment.BaselineAssessment) -> Baseline:
@@ -95,6 +177,10 @@ class Baseline(ContractModel):
             parts["window"] = BaselineWindow.of(baseline.window)
         if baseline.sufficiency is not None:
             parts["sufficiency"] = Sufficiency.of(baseline.sufficiency)
+        if baseline.left_out is not None:
+            parts["left_out"] = LeftOut.of(baseline.left_out)
+        if baseline.raw_limit is not None:
+            parts["raw_limit"] = RawLimit.of(baseline.raw_limit)
         return cls(
             recordings=list(baseline.recordings),
             operating_points={
@@ -103,6 +189,7 @@ class Baseline(ContractModel):
             },
             shafts=list(baseline.shafts),
             channels=list(baseline.channels),
+            not_learned=list(baseline.not_learned),
             **parts,
         )
 
@@ -150,6 +237,8 @@ class UnattributedLines(ContractModel):
     channels: list[str] = Field(
         default_factory=list, description="on which both sidebands stand out of their neighbourhood"
     )
+    healthy: list[str] | None = Field(None, description="healthy recordings that show it, too; null without a baseline")
+    new: bool = Field(True, description="false where the healthy recordings show it, or as clear ones of their own")
     sidebands: list[Sideband]
     spectrum: list[Excerpt]
     causes: list[Cause]
@@ -182,6 +271,8 @@ class UnattributedLines(ContractModel):
                 )
                 for e in lines.spectrum
             ],
+            healthy=None if lines.healthy is None else list(lines.healthy),
+            new=lines.new,
             causes=[Cause(name=c.name, possible=c.possible, detail=c.detail) for c in lines.causes],
             channels=list(lines.channels),
         )

@@ -46,6 +46,7 @@ class SensorIndicators(ContractModel):
     crest_factor: float | None
     gears: dict[str, GearIndicators] | None = Field(default=None, description="by `pinion` and `gear`")
     not_available: dict[str, str] | None = Field(default=None, description="why a gear has none")
+    doubt: str | None = Field(default=None, description="why those of gears may be of another speed")
 
     @classmethod
     def of(cls, sensor: assessment.SensorIndicators) -> SensorIndicators:
@@ -54,4 +55,6 @@ class SensorIndicators(ContractModel):
             parts["gears"] = {name: GearIndicators.of(gear) for name, gear in sensor.gears.items()}
         if sensor.unavailable:
             parts["not_available"] = dict(sensor.unavailable)
+        if sensor.doubt:
+            parts["doubt"] = sensor.doubt
         return cls(rms=sensor.rms, kurtosis=sensor.kurtosis, crest_factor=sensor.crest_factor, **parts)

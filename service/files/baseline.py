@@ -10,7 +10,9 @@ import json
 import zlib
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, replace
 from fractions import Fraction
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import BadZipFile
@@ -34,18 +36,23 @@ from twin.baseline.comparison import (
     NO_DEPTH,
     BaselineResult,
     TrackedWindow,
+    compare_levels,
     compare_with_baseline,
     described,
     pair_shafts,
+    read_lines,
     tracked,
     unattributed_lines,
 )
 from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline, learn
+from twin.baseline.leaving_out import repeats_of
 from twin.baseline.modulation import against_baseline
 from twin.baseline.off_lines import OffLines
-from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, WindowReading, common_period, read
+from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, SpacingSeen, WindowReading, common_period
+from twin.baseline.repeats import Repeats
 from twin.baseline.spacing import shared_ratio
+from twin.baseline.usable import NotLearned
 from twin.errors import TwinError
 from twin.features.modulation import modulations
 from twin.rig import Rig
@@ -68,6 +75,7 @@ class Loaded(NamedTuple):
     asset: str
     windows: list[TrackedWindow]
     refused: list[str]
+    untracked: list[Window]  # those refused
 
 
 def load(
@@ -76,12 +84,16 @@ def load(
     shafts: Sequence[Fraction] | None = None,
     assembly: AssemblySettings = DEFAULT,
     prefix: str = PREFIX,
+    name: str | None = None,
+    allow_untracked: bool = False,
 ) -> Loaded:
     """The windows of a recording that have a pinion angle.
 
     shafts    known ones; those of the pair where None
     assembly  how frames become windows, the same as in `assess` and in the service
     prefix    first part of the recording's topics
+    name      of the recording; that of its file where None
+    allow_untracked  whether windows without an angle are enough
     Raises InputError where there is none.
     """
     with Recording(path, prefix) as recording:
@@ -91,16 +103,17 @@ def load(
         shafts = pair_shafts(rig) if shafts is None else shafts
     except TwinError as error:
         raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
-    windows, refused = [], []
+    windows, refused, untracked = [], [], []
     for i, window in enumerate(read_windows(path, assembly_for(rig, assembly), prefix)[2]):
-        name = f"{path.stem}#{i}"
+        own = f"{name or path.stem}#{i}"
         try:
-            windows.append(tracked(rig, window, name, shafts))
+            windows.append(tracked(rig, window, own, shafts))
         except TwinError as error:
-            refused.append(f"{name}: {error}")
-    if not windows:
+            refused.append(f"{own}: {error}")
+            untracked.append(window)
+    if not windows and not (allow_untracked and untracked):
         raise InputError(f"{path}: no window can be used: {refused[0] if refused else 'there is none'}")
-    return Loaded(rig, asset, windows, refused)
+    return Loaded(rig, asset, windows, refused, untracked)
 
 
 def learned(
@@ -113,7 +126,10 @@ def learned(
 
     Another shaft that is geared to the pinion is included where most windows show its lines.
     """
-    loaded = [load(path, rig_path, assembly=assembly, prefix=prefix) for path in paths]
+    loaded = [
+        load(path, rig_path, assembly=assembly, prefix=prefix, name=name)
+        for path, name in zip(paths, _names(paths), strict=True)
+    ]
     rig = loaded[0].rig
     for path, other in zip(paths, loaded, strict=True):
         if other.rig.teeth != rig.teeth:
@@ -123,6 +139,12 @@ def learned(
         return _learned(rig, windows)
     except TwinError as error:
         raise InputError(f"{', '.join(map(str, paths))}: {error}") from None
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """A name for every file: its own without its ending, with its folder's where another has the same."""
+    stems = [path.stem for path in paths]
+    return [f"{p.parent.name}/{p.stem}" if stems.count(p.stem) > 1 else p.stem for p in paths]
 
 
 def learned_from(rig: Rig, windows: Sequence[tuple[str, Window]], earlier: Baseline | None = None) -> Baseline:
@@ -138,7 +160,8 @@ def _learned(rig: Rig, windows: Sequence[TrackedWindow], earlier: Baseline | Non
     shafts = (*pair_shafts(rig), *_geared(windows)) if earlier is None else earlier.shafts
     names = {w.name for w in windows}  # a recording that is given once more takes the place of the earlier reading
     before = () if earlier is None else [r for r in earlier.readings if r.name not in names]
-    return learn(rig, [*before, *(read(rig, w.window, shafts, w.name, w.track) for w in windows)], shafts)
+    found = learn(rig, [*before, *(read_lines(rig, w, shafts) for w in windows)], shafts)
+    return found if earlier is None else replace(found, not_learned=(*earlier.not_learned, *found.not_learned))
 
 
 def _geared(windows: Sequence[TrackedWindow]) -> tuple[Fraction, ...]:
@@ -158,20 +181,26 @@ def compared(
     prefix: str = PREFIX,
 ) -> tuple[Loaded, BaselineResult]:
     """A recording compared with a baseline; InputError where it cannot be."""
-    loaded = load(path, rig_path, baseline.shafts, assembly, prefix)
+    loaded = load(path, rig_path, baseline.shafts, assembly, prefix, allow_untracked=True)
     try:
-        return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
+        if loaded.windows:
+            return loaded, compare_with_baseline(baseline, loaded.rig, loaded.windows)
+        found = compare_levels(baseline, loaded.rig, loaded.untracked, loaded.refused[0])
     except TwinError as error:
         raise InputError(f"{path}: {error}") from None
+    if not found.raw_limit.exceeded:
+        raise InputError(f"{path}: no window can be used: {loaded.refused[0]}")
+    return loaded, found
 
 
 def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[str, Any]:
     """The answer in the names of the contract."""
-    missing = not_available(NO_DEPTH)
+    missing, search = not_available(NO_DEPTH), found.unattributed_search
+    sought = None if search is None else UnattributedSearch.of(search).as_json()
     return plain(
         {
             "asset": loaded.asset,
-            "baseline": BaselineModel.of(described(baseline)).as_json(),
+            "baseline": BaselineModel.of(described(baseline, raw=found.raw_limit)).as_json(),
             "windows": [BaselineWindow.of(window).as_json() for window in found.windows],
             "refused": loaded.refused,
             "wear": missing,
@@ -180,7 +209,7 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
             "effects": [Effect.of(effect).as_json() for effect in found.effects],
             "unexplained": Unexplained.of(found.unexplained).as_json(),
             "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
-            "unattributed_search": UnattributedSearch.of(found.unattributed_search).as_json(),
+            "unattributed_search": sought,
             "modulation": [Modulation.of(one).as_json() for one in modulation_of(loaded, baseline)],
         }
     )
@@ -189,10 +218,10 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
 def modulation_of(loaded: Loaded, baseline: Baseline) -> tuple[assessment.Modulation, ...]:
     """Modulations of the latest usable window against those of the baseline."""
     found: list[assessment.Modulation] = []
-    latest = loaded.windows[-1]
-    for sensor, samples in latest.window.accelerations.items():
-        with suppress(TwinError):  # what cannot be read of a sensor, the comparison of its lines says
-            found += modulations(samples, latest.track, loaded.rig.teeth, sensor)
+    for latest in loaded.windows[-1:]:
+        for sensor, samples in latest.window.accelerations.items():
+            with suppress(TwinError):  # what cannot be read of a sensor, the comparison of its lines says
+                found += modulations(samples, latest.track, loaded.rig.teeth, sensor)
     return against_baseline(sorted(found, key=lambda m: -m.depth), baseline)
 
 
@@ -233,11 +262,15 @@ def save(baseline: Baseline, path: Path) -> None:
         "rig": baseline.rig.values,
         "shafts": [[s.numerator, s.denominator] for s in baseline.shafts],
         "path_scatter": dict(baseline.path_scatter),
+        "repeats": _repeats_json(baseline.repeats),
+        "not_learned": [asdict(one) for one in baseline.not_learned],
+        "copies": list(baseline.copies),
         "readings": [],
     }
     arrays: dict[str, np.ndarray] = {f"std/{name}": std for name, std in baseline.std.items()}
     for i, r in enumerate(baseline.readings):
         values = {name: getattr(r, name) for name in KEPT}
+        values |= {"raw": dict(r.raw), "spacings": [asdict(s) for s in r.spacings]}
         header["readings"].append(values | {"rms": {name: c.rms for name, c in r.channels.items()}})
         for name, c in r.channels.items():
             arrays[f"{i}/{name}/lines"] = c.lines
@@ -266,19 +299,38 @@ def read_baseline(path: Path) -> Baseline:
                 raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}")
             readings = tuple(_reading(archive, i, values) for i, values in enumerate(header["readings"]))
             std = {name.partition("/")[2]: archive[name] for name in archive.files if name.startswith("std/")}
-            return Baseline(
+            baseline = Baseline(
                 rig=checked_rig(header["rig"], f"{path}: its rig"),
                 shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
                 readings=readings,
                 std=std,
                 path_scatter=header["path_scatter"],
+                not_learned=tuple(_not_learned(one) for one in header.get("not_learned", ())),
+                copies=tuple(header.get("copies", ())),
             )
+            given = header.get("repeats")  # files of earlier versions have none
+            return replace(baseline, repeats=repeats_of(baseline) if given is None else _repeats(given))
     except InputError:
         raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
     except NO_BASELINE as error:
         raise InputError(f"{path}: not a baseline of `gear-twin baseline`: {error}") from None
+
+
+def _repeats_json(repeats: Repeats) -> dict[str, Any]:
+    """What healthy recordings repeat, with a factor of None where nothing is compared."""
+    factors = [[kind, channel, f if isfinite(f) else None] for (kind, channel), f in repeats.factors.items()]
+    return asdict(repeats) | {"factors": factors}
+
+
+def _repeats(given: dict[str, Any]) -> Repeats:
+    factors = {(kind, channel): inf if f is None else float(f) for kind, channel, f in given["factors"]}
+    return Repeats(**given | {"factors": factors, "pattern": tuple(given["pattern"])})
+
+
+def _not_learned(given: dict[str, Any]) -> NotLearned:
+    return NotLearned(**given | {"windows": tuple(given["windows"])})
 
 
 def _off_lines(values: np.ndarray, header: dict[str, Any]) -> OffLines:
@@ -301,4 +353,6 @@ def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:
         )
         for name, level in rms.items()
     }
-    return WindowReading(channels=channels, **values)
+    raw = {name: (float(rms), float(kurtosis)) for name, (rms, kurtosis) in values.pop("raw", {}).items()}
+    spacings = tuple(SpacingSeen(**one) for one in values.pop("spacings", ()))
+    return WindowReading(channels=channels, raw=raw, spacings=spacings, **values)

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from twin.errors import NotAvailable
-from twin.features.mesh_speed import mesh_speed
-from twin.windows import Samples
+from twin.features.extract import extract
+from twin.features.mesh_speed import mesh_speed, mesh_track
+from twin.plausibility import mistakes_of
+from twin.rig import Rig
+from twin.windows import Samples, Window
 
 RATE, Z1, Z2 = 12800.0, 29, 71
 
@@ -67,3 +70,40 @@ def test_a_sampling_rate_below_the_mesh_is_named():
     slow = {"a": Samples(rate=1000.0, start=0.0, values=np.random.default_rng(0).standard_normal(5000))}
     with pytest.raises(NotAvailable, match="725 Hz"):
         mesh_speed(slow, (Z1, Z2), 25.0)
+
+
+def two_combs(apart, share=0.9, seconds=5.0, noise=0.2):
+    """Lines at the multiples of two mesh frequencies, as sidebands of a carrier make them beside a planetary mesh."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    rng = np.random.default_rng(7)
+    out = {}
+    for name in ("a", "b"):
+        x = noise * rng.standard_normal(t.size)
+        for k in range(1, 6):
+            for factor, size in ((1.0, 1.0), (1 + apart, share)):
+                x += size * np.cos(2 * np.pi * k * Z1 * 25.0 * factor * t + rng.uniform(0, 6))
+        out[name] = Samples(rate=RATE, start=0.0, values=x)
+    return out
+
+
+@pytest.mark.parametrize("apart", [0.01, -0.008, 0.006])
+def test_two_combs_within_a_per_cent_are_two_candidates_and_the_speed_carries_the_doubt(apart):
+    found = mesh_speed(two_combs(apart), (Z1, 40), 25.0)
+    true = {Z1 * 25.0, Z1 * 25.0 * (1 + apart)}
+    seen = [found.mesh_hz, *found.rivals]
+    assert len(found.rivals) == 1
+    assert all(min(abs(f - one) for one in seen) < 1.0 for f in true)
+    rig = Rig.from_mapping({
+        "gears": {"pinion": {"teeth": Z1}, "gear": {"teeth": 40}}, "operating": {"pinion_speed_hz": 25.0},
+    })  # fmt: skip
+    track = mesh_track(rig, two_combs(apart))
+    assert track.speed_std >= 0.4 * abs(apart) * 25.0 and "either may be the speed" in track.doubt
+    window = Window(start_time_ns=0, accelerations=two_combs(apart))
+    assert any("either may be the speed" in mistake.text for mistake in mistakes_of(rig, window))
+    indicators = extract(rig, window).indicators
+    assert "either may be the speed" in indicators["a"].doubt
+
+
+@pytest.mark.parametrize("wander", [0.0, 0.001])
+def test_one_comb_with_sidebands_is_one_candidate(wander):
+    assert mesh_speed(machine(25.2, wander=wander)[0], (Z1, Z2), 25.0).rivals == ()

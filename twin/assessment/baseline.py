@@ -21,6 +21,55 @@ class BaselineWindow:
     interpolated: bool
     pattern_correlation: float | None
     same_teeth: bool
+    pattern_compared: bool = True  # False where the healthy recordings do not repeat their tooth pattern
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawMeasure:
+    """Raw RMS or kurtosis of one accelerometer beside its limits."""
+
+    channel: str
+    name: str  # rms [unit of the channel] or kurtosis
+    value: float  # median of the windows
+    low: float
+    high: float
+    beyond: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawLimit:
+    """Raw RMS and kurtosis of a recording beside the limits that healthy recordings give."""
+
+    measures: tuple[RawMeasure, ...]
+    false_alarms: float  # that are meant, of healthy recordings
+    not_compared: str = ""  # why there is no limit
+    decides_alone: bool = False  # whether nothing else has called the recording changed
+
+    @property
+    def exceeded(self) -> tuple[RawMeasure, ...]:
+        """Measures beyond their limits."""
+        return tuple(m for m in self.measures if m.beyond)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compared:
+    """One kind of comparison with a baseline, and by how much its limits are raised."""
+
+    what: str
+    channel: str  # "" for all together
+    factor: float | None  # of the limits; None where it is not compared
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """What leaving each healthy recording out in turn has shown."""
+
+    recordings: int  # left out; 0: too few
+    false_alarms: int  # of these
+    raw_false_alarms: int  # of these, of the limit on raw RMS and kurtosis alone
+    meant: float  # share of false alarms that limits are set for
+    compared: tuple[Compared, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +88,9 @@ class BaselineSufficiency:
     recordings_needed: int  # to judge single teeth
     load: tuple[float, float] | None  # least and largest, over the rated one; None where it is not known
     not_judged: tuple[NotJudged, ...]
+    windows: int = 0
+    days: int = 0
+    loads: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +102,9 @@ class BaselineAssessment:
     shafts: tuple[float, ...]  # orders of the pinion
     channels: tuple[str, ...]
     window: BaselineWindow | None = None
+    left_out: LeftOut | None = None
+    raw_limit: RawLimit | None = None  # of the window or recording that was compared
+    not_learned: tuple[str, ...] = ()  # channels of recordings that could not be used, and copies
     sufficiency: BaselineSufficiency | None = None
 
 
@@ -100,6 +155,8 @@ class UnattributedLines:
     sidebands: tuple[LineSideband, ...] = ()
     spectrum: tuple[SpectrumExcerpt, ...] = ()
     causes: tuple[PossibleCause, ...] = ()
+    healthy: tuple[str, ...] | None = None  # healthy recordings that show it, too; None without a baseline
+    new: bool = True  # False where healthy recordings show it, or as clear ones of their own
     channels: tuple[str, ...] = ()  # on which both sidebands stand out of their neighbourhood
 
 

@@ -30,3 +30,4 @@ class SensorIndicators:
     crest_factor: float | None
     gears: Mapping[str, GearIndicators] = field(default_factory=dict)  # by `pinion`, `gear`
     unavailable: Mapping[str, str] = field(default_factory=dict)  # gear → reason
+    doubt: str = ""  # why those of gears may be of another speed

@@ -6,7 +6,7 @@ One function decides for a single window of a stream and for all windows of a re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -19,6 +19,7 @@ from twin.assessment import (
     HeldOutErrors,
     LineSideband,
     PossibleCause,
+    RawLimit,
     Residual,
     SidebandLimit,
     SpectralLine,
@@ -30,12 +31,15 @@ from twin.assessment import (
 from twin.baseline.causes import causes_of, one_bearing
 from twin.baseline.diagnosis import Diagnosis, WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
+from twin.baseline.known_spacings import is_new, showing
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named
-from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
+from twin.baseline.raw_limit import limit_on
+from twin.baseline.reading import TURNS_PER_PERIOD, SpacingSeen, WindowReading, angle_of, raw_of, read
 from twin.baseline.shaft_names import shaft_name
 from twin.baseline.spacing import Spacing, SpacingsFound, unattributed_spacings
-from twin.baseline.sufficiency import sufficiency_of
+from twin.baseline.sufficiency import left_out_of, sufficiency_of
+from twin.baseline.verdict import with_raw_limit
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
 from twin.rig import Rig
@@ -68,7 +72,8 @@ class BaselineResult:
     unexplained: Unexplained
     windows: tuple[BaselineWindow, ...]
     unattributed_lines: tuple[UnattributedLines, ...]
-    unattributed_search: UnattributedSearch  # of the latest window
+    unattributed_search: UnattributedSearch | None  # of the latest window; None where its angle is not known
+    raw_limit: RawLimit
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -101,11 +106,7 @@ def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[Tracke
 
     Raises TwinError where they cannot be compared.
     """
-    if rig.teeth != baseline.rig.teeth:
-        raise NotAvailable(
-            f"the rig file gives {rig.teeth} teeth, but the baseline was learned with {baseline.rig.teeth}: "
-            "which are right?"
-        )
+    demand_same_teeth(baseline, rig)
     found = diagnose(baseline, [_parts(baseline, w) for w in windows])
     names = [shaft_name(s, baseline) for s in baseline.shafts]
     return BaselineResult(
@@ -120,9 +121,38 @@ def compare_with_baseline(baseline: Baseline, rig: Rig, windows: Sequence[Tracke
         effects=tuple(_effect(e, found) for e in found.effects),
         unexplained=Unexplained(verdict=found.verdict, share=found.share, lines=found.lines, reason=found.reason),
         windows=tuple(_window(i, c) for i, c in enumerate(found.compared)),
-        unattributed_lines=unattributed_lines(windows, baseline.shafts, names),
+        unattributed_lines=unattributed_lines(windows, baseline.shafts, names, baseline),
         unattributed_search=_search_of(windows[-1]),
+        raw_limit=found.raw,
     )
+
+
+def compare_levels(baseline: Baseline, rig: Rig, windows: Sequence[Window], why: str) -> BaselineResult:
+    """Windows without a known angle against a healthy baseline: by their raw levels alone.
+
+    why  their lines cannot be compared
+    """
+    demand_same_teeth(baseline, rig)
+    raw = [{name: raw_of(s.values) for name, s in w.accelerations.items()} for w in windows]
+    verdict, reason, limit = with_raw_limit("insufficient_data", why, limit_on(baseline, raw), ())
+    return BaselineResult(
+        residual=Residual(reason=why),
+        effects=(),
+        unexplained=Unexplained(verdict=verdict, reason=reason),
+        windows=(),
+        unattributed_lines=(),
+        unattributed_search=None,
+        raw_limit=limit,
+    )
+
+
+def demand_same_teeth(baseline: Baseline, rig: Rig) -> None:
+    """NotAvailable where a machine has other tooth counts than the baseline."""
+    if rig.teeth != baseline.rig.teeth:
+        raise NotAvailable(
+            f"the rig file gives {rig.teeth} teeth, but the baseline was learned with {baseline.rig.teeth}: "
+            "which are right?"
+        )
 
 
 def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaft:
@@ -153,7 +183,19 @@ def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaf
     return LinesWithoutShaft(lines=lines, sought=_search_of(seen), unexplained=unexplained)
 
 
-def described(baseline: Baseline, window: BaselineWindow | None = None) -> BaselineAssessment:
+def read_lines(rig: Rig, w: TrackedWindow, shafts: Sequence[Fraction]) -> WindowReading:
+    """The lines of a window at the orders of its shafts, with the spacings of those that no shaft makes."""
+    seen = [
+        SpacingSeen(order=s.order / s.part, clearness=-s.log_chance, free=s.ratio is None)
+        for s in w.spacings
+        if s.ratio not in shafts
+    ]
+    return replace(read(rig, w.window, shafts, w.name, w.track), spacings=tuple(seen))
+
+
+def described(
+    baseline: Baseline, window: BaselineWindow | None = None, raw: RawLimit | None = None
+) -> BaselineAssessment:
     """What a baseline was learned from, and the window that was compared with it."""
     return BaselineAssessment(
         recordings=tuple(r.name for r in baseline.readings),
@@ -161,20 +203,35 @@ def described(baseline: Baseline, window: BaselineWindow | None = None) -> Basel
         shafts=tuple(float(s) for s in baseline.shafts),
         channels=tuple(sorted(baseline.std)),
         window=window,
+        left_out=left_out_of(baseline),
+        raw_limit=raw,
+        not_learned=(*baseline.copies, *(one.text for one in baseline.not_learned)),
         sufficiency=sufficiency_of(baseline),
     )
 
 
 def unattributed_lines(
-    windows: Sequence[TrackedWindow], shafts: Sequence[Fraction], names: Sequence[str]
+    windows: Sequence[TrackedWindow],
+    shafts: Sequence[Fraction],
+    names: Sequence[str],
+    baseline: Baseline | None = None,
 ) -> tuple[UnattributedLines, ...]:
-    """Spacings of lines that none of these shafts makes, with the causes that were tried."""
+    """Spacings of lines that none of these shafts makes, with the causes that were tried, and whether they are new."""
     return tuple(
-        _unattributed(w, spacing, shafts, names)
+        _beside(_unattributed(w, spacing, shafts, names), w, baseline)
         for w in windows
         for spacing in w.spacings
         if spacing.ratio not in shafts
     )
+
+
+def _beside(lines: UnattributedLines, w: TrackedWindow, baseline: Baseline | None) -> UnattributedLines:
+    """Lines of no shaft with the healthy recordings that show them, too."""
+    if baseline is None:
+        return lines
+    here = read(baseline.rig, w.window, baseline.shafts, w.name, w.track)
+    seen = SpacingSeen(order=lines.order / lines.part, clearness=lines.clearness, free=lines.geared is None)
+    return replace(lines, healthy=showing(seen, here, baseline.readings), new=is_new(seen, here, baseline))
 
 
 def _search_of(window: TrackedWindow) -> UnattributedSearch:
@@ -231,7 +288,7 @@ def _unattributed(
 def _parts(baseline: Baseline, w: TrackedWindow) -> WindowParts:
     """A window's lines, of all its turns and of either half."""
     rig, shafts = baseline.rig, baseline.shafts
-    whole = read(rig, w.window, shafts, w.name, w.track)
+    whole = read_lines(rig, w, shafts)
     if whole.turns < 2 * TURNS_PER_PERIOD * whole.period:
         return WindowParts(whole=whole)
     halves = [read(rig, w.window, shafts, w.name, w.track, part) for part in ((0.0, 0.5), (0.5, 1.0))]
@@ -252,6 +309,7 @@ def _window(index: int, compared: BaselineComparison) -> BaselineWindow:
         interpolated=expected.interpolated,
         pattern_correlation=None if expected.alignment is None else expected.alignment.correlation,
         same_teeth=compared.same_teeth,
+        pattern_compared=compared.repeats.pattern_compared,
     )
 
 

@@ -13,30 +13,39 @@ from functools import partial
 
 import numpy as np
 
-from twin.assessment import ChannelErrors, HarmonicBand, ParameterValue, SpectralLine
+from twin.assessment import ChannelErrors, HarmonicBand, ParameterValue, RawLimit, SpectralLine
 from twin.baseline.findings import BaselineComparison, ShaftChange, compare
+from twin.baseline.known_spacings import new_spacings
 from twin.baseline.learned import Baseline
+from twin.baseline.left_over import left_over
 from twin.baseline.load_direction import fall_with_load
 from twin.baseline.low_frequency import LowFrequencyRival, low_frequency_rival
 from twin.baseline.named import Named, majority
 from twin.baseline.off_line_findings import changes_of, nearly_changed, off_lines_named
+from twin.baseline.raw_limit import raw_limit
 from twin.baseline.reading import WindowReading
-from twin.baseline.sensor_findings import faults_named, sensor_faults, timing_named, without
+from twin.baseline.repeats import EXCHANGED
+from twin.baseline.sensor_findings import faults_named, known_faults, sensor_faults, timing_named, without
 from twin.baseline.sensor_timing import corrected, timing_changes
 from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
 from twin.baseline.sufficiency import thin_for_teeth
 from twin.baseline.transfer_path import Path, name_of_path
 from twin.baseline.turn_impact_findings import impacts_named, impacts_of, nearly_impacts
-from twin.baseline.verdict import DEFAULT, DiagnosisThresholds, common_level, reassembled, unnamed, verdict_of
+from twin.baseline.verdict import (
+    DEFAULT,
+    DiagnosisThresholds,
+    common_level,
+    reassembled,
+    unnamed,
+    verdict_of,
+    with_raw_limit,
+)
 from twin.effects import EFFECTS
 from twin.errors import NotAvailable
 
 SIDEBANDS = 2.0  # orders on either side that belong to a mesh harmonic's band
 BANDS = 5
-MOST_LINES = 12
 PULSE_POINTS = 201  # over a turn, to be drawn
-OUTSIDE = 3.0  # standard deviations beyond which energy is counted as left over
-MOST_GROWN = 5.0  # times the healthy scatter that lines raised by what was found are given at most
 MESH_CHANGE = "mesh_change"  # what every tooth does alike: no baseline tells those effects from one another
 LOW_FREQUENCY = "the low-frequency response of {}, which makes the healthy lines of this shaft these"
 
@@ -60,6 +69,7 @@ class Diagnosis:
     bands: tuple[HarmonicBand, ...]
     verdict: str  # explained, unknown_effect or insufficient_data
     reason: str
+    raw: RawLimit  # raw RMS and kurtosis beside their limits
     share: float | None  # of the energy that is left over the healthy scatter
     lines: tuple[SpectralLine, ...]  # the strongest that are left
 
@@ -73,31 +83,37 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
     """Findings over all windows of a recording; NotAvailable where its channels are not those of the baseline."""
     faults = [sensor_faults(baseline, w.whole) for w in windows]
     usable = [_each(w, partial(without, faults=found)) for w, found in zip(windows, faults, strict=True)]
-    timing = [timing_changes(baseline, w.whole) for w in usable]
+    by_pattern = baseline.repeats.pattern_compared
+    timing = [timing_changes(baseline, w.whole) if by_pattern else () for w in usable]
     measured = [w.whole for w in usable]
     usable = [_each(w, partial(corrected, changes=found)) for w, found in zip(usable, timing, strict=True)]
     for w in usable:
-        pair = baseline.swapped(w.whole)
-        if pair is not None:
+        pair = baseline.swapped(w.whole) if by_pattern else None
+        if pair is not None and pair.over > baseline.repeats.factor(EXCHANGED):
             raise NotAvailable(
-                f"{w.whole.name}: {pair[0]} and {pair[1]} seem exchanged: the pattern of the teeth fits the baseline "
-                "much better with each as the other; is the mapping right?"
+                f"{w.whole.name}: {' and '.join(pair.channels)} seem exchanged: the pattern of the teeth fits "
+                "the baseline much better with each as the other; is the mapping right?"
             )
     compared = [compare(baseline, w.whole) for w in usable]
     thin = thin_for_teeth(baseline)
     errors, bands = _errors(baseline, usable)
     paths = [_if_nearer(path, errors, limits) for path in _paths(compared)]
-    sensors = [*faults_named(faults), *timing_named(timing, measured, compared)]
+    sensors = [*faults_named(baseline, faults), *timing_named(timing, measured, compared)]
     off_lines = changes_of(baseline, compared)
     known = [*sensors, *([] if thin else paths), *_shafts(baseline, compared)]
     impacts = impacts_of(baseline, compared, known)
     struck = impacts_named(baseline, compared, impacts, known)
     beside = [*struck, *off_lines_named(baseline, compared, off_lines, known, struck)]
     effects = [*(e for e in known if not _pulse_instead(e, beside)), *beside]
-    share, misfit, lines = _left(compared)
-    near = "" if effects else nearly_impacts(baseline, compared, impacts) or nearly_changed(off_lines)
-    verdict, reason = verdict_of(baseline, compared, effects, misfit, near, limits)
-    reasons = (reason, unnamed(paths if thin else []), common_level(compared), reassembled(effects, compared, limits))
+    share, misfit, lines = left_over(compared)
+    near = "" if effects else nearly_impacts(baseline, compared, impacts) or nearly_changed(baseline, off_lines)
+    given = [w.whole for w in windows]
+    verdict, reason = verdict_of(baseline, compared, effects, misfit, near, new_spacings(baseline, given), limits)
+    verdict, reason, raw = with_raw_limit(verdict, reason, raw_limit(baseline, given), effects)
+    reasons = (
+        reason, unnamed(paths if thin else []), common_level(compared), reassembled(effects, compared, limits),
+        known_faults(baseline, faults),
+    )  # fmt: skip
     return Diagnosis(
         compared=tuple(compared),
         effects=tuple(effects),
@@ -105,6 +121,7 @@ def diagnose(baseline: Baseline, windows: Sequence[WindowParts], limits: Diagnos
         bands=tuple(bands),
         verdict=verdict,
         reason="; ".join(r for r in reasons if r),
+        raw=raw,
         share=share,
         lines=tuple(lines),
     )
@@ -353,40 +370,3 @@ def _bands(channel: str, powers: Sequence[np.ndarray], period: int, z1: int, spe
                 )
             )
     return out
-
-
-def _left(compared: Sequence[BaselineComparison]) -> tuple[float | None, float, list[SpectralLine]]:
-    """Share of the energy left beyond the healthy scatter, its misfit, and its strongest lines."""
-    energy = beyond = 0.0
-    misfits: list[float] = []
-    lines: dict[int, float] = {}
-    for window in compared:
-        for channel, x in window.expected.lines.items():
-            y, z = window.reading.channels[channel].lines[: x.size], window.explained(channel)
-            left, σ = np.abs(y - z) ** 2, window.expected.std[channel]
-            grown = σ * np.maximum(1.0, np.abs(z) / np.maximum(np.abs(x), 1e-300)).clip(max=MOST_GROWN)
-            if any(p.moved for p in window.paths if p.channel == channel):
-                grown = np.hypot(grown, window.limits.path_smoothness * np.abs(z))
-            misfits.append(float(np.mean(left / grown**2)))
-            energy += float(np.sum(np.abs(y) ** 2))
-            excess = np.maximum(left - OUTSIDE**2 * grown**2, 0.0)
-            beyond += float(np.sum(excess))
-            for k in np.argsort(excess)[::-1][:MOST_LINES].tolist():
-                if excess[k] > 0:
-                    lines[k] = max(lines.get(k, 0.0), float(excess[k]))
-    if energy == 0:
-        return None, 0.0, []
-    first = compared[0].reading
-    strongest = sorted(lines.items(), key=lambda item: -item[1])[:MOST_LINES]
-    return (
-        beyond / energy,
-        float(np.median(misfits)),
-        [
-            SpectralLine(
-                order=float((k + 1) / first.period),
-                frequency=float((k + 1) / first.period * first.speed_hz),
-                share=value / energy,
-            )
-            for k, value in strongest
-        ],
-    )

@@ -31,6 +31,8 @@ import numpy as np
 from twin.baseline.learned import Baseline, ExpectedLines
 from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.reading import WindowReading
+from twin.baseline.repeats import LINES, NOTHING_LEFT_OUT, Repeats
+from twin.baseline.repeats import PATHS as PATHS_OF_SENSORS
 from twin.baseline.shaft_orders import own_multiples
 from twin.baseline.transfer_path import DEFAULT as PATHS
 from twin.baseline.transfer_path import Path, band_gains, band_levels, common_level, lesser
@@ -147,13 +149,14 @@ class BaselineComparison:
     expected: ExpectedLines
     paths: tuple[Path, ...]
     changes: tuple[ShaftChange, ...]  # of every shaft and channel, strongest evidence first
+    repeats: Repeats = NOTHING_LEFT_OUT
     limits: BaselineThresholds = DEFAULT
 
     @property
     def same_teeth(self) -> bool:
-        """Whether the pattern of the teeth is the baseline's."""
+        """Whether the pattern of the teeth is the baseline's, as far as healthy recordings repeat theirs."""
         found = self.expected.alignment
-        return found is None or found.correlation > self.limits.same_teeth
+        return found is None or not self.repeats.pattern_compared or found.correlation > self.limits.same_teeth
 
     @property
     def extrapolated(self) -> float:
@@ -167,11 +170,17 @@ class BaselineComparison:
         more = max(self.extrapolated / self.expected.wider**2, 1.0)
         more *= 1 + limits.few_recordings / self.expected.left_out
         moved = any(p.moved for p in self.paths if p.channel == change.channel)
-        return limits.least_evidence * more * (limits.changed_path if moved else 1.0)
+        raised = self.repeats.factor(LINES, change.channel)
+        return limits.least_evidence * more * raised * (limits.changed_path if moved else 1.0)
 
     @property
     def believed(self) -> tuple[ShaftChange, ...]:
         """Changes beyond what healthy recordings show."""
+        return tuple(c for c in self.candidates if c.log_evidence > self.least_evidence(c))
+
+    @property
+    def candidates(self) -> tuple[ShaftChange, ...]:
+        """Changes that are believed where their evidence suffices."""
         moved = {p.channel for p in self.paths if p.moved}
         if not self.same_teeth:
             return ()
@@ -180,9 +189,7 @@ class BaselineComparison:
         return tuple(
             c
             for c in self.changes
-            if c.log_evidence > self.least_evidence(c)
-            and c.strong.any()
-            and (c.kind != "alike" or (known and c.channel not in moved and not self._beside_mesh(c)))
+            if c.strong.any() and (c.kind != "alike" or (known and c.channel not in moved and not self._beside_mesh(c)))
         )
 
     def _beside_mesh(self, mesh: ShaftChange) -> bool:
@@ -246,8 +253,9 @@ def compare(baseline: Baseline, reading: WindowReading, limits: BaselineThreshol
         changes.append(_change(mesh, n, channel, turned, spread, reading.period, ahead, limits))
     changes.sort(key=lambda c: -c.log_evidence)
     return BaselineComparison(
-        reading=reading, expected=expected, paths=tuple(paths.values()), changes=tuple(changes), limits=limits
-    )
+        reading=reading, expected=expected, paths=tuple(paths.values()), changes=tuple(changes),
+        repeats=baseline.repeats, limits=limits,
+    )  # fmt: skip
 
 
 def _extrapolated(expected: ExpectedLines, limits: BaselineThresholds) -> float:
@@ -284,6 +292,7 @@ def _paths(
             common_power=common_power,
             change=float(np.sqrt(np.mean((np.log(both[channel]) - common_power) ** 2))),
             usual=more * baseline.path_scatter.get(channel, 0.0),
+            raised=baseline.repeats.factor(PATHS_OF_SENSORS, channel),
         )
         for channel, (middles, gain) in gains.items()
     }

@@ -27,7 +27,10 @@ from scipy.ndimage import uniform_filter1d
 from twin.baseline.alignment import Alignment, align
 from twin.baseline.operating import axes_of, distance_beyond, miss_of, order_of, point_of, weights_of
 from twin.baseline.reading import WindowReading
+from twin.baseline.recordings import Counted, counted, others_of, without_copies
+from twin.baseline.repeats import NOTHING_LEFT_OUT, Repeats
 from twin.baseline.transfer_path import band_gains, band_levels, lesser
+from twin.baseline.usable import NotLearned, only_usable
 from twin.errors import NotAvailable, ParameterError
 from twin.rig import Rig
 from twin.thresholds import deciding
@@ -55,6 +58,14 @@ DEFAULT = LearningThresholds()
 Values = dict[str, np.ndarray]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exchanged:
+    """Two channels with each of which as the other the pattern of the teeth fits better."""
+
+    channels: tuple[str, str]
+    over: float  # how much better, over the correlation that exchanging must add
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ExpectedLines:
     """What a healthy machine would show at one window's operating point, in the window's own angle."""
@@ -79,6 +90,9 @@ class Baseline:
     readings: tuple[WindowReading, ...]  # laid over one another, in the order of their operating points
     std: Mapping[str, np.ndarray]  # by channel (K,)
     path_scatter: Mapping[str, float]  # rms of what gain and level of each path both show among the recordings, in ln
+    repeats: Repeats = NOTHING_LEFT_OUT  # what the recordings repeat of one another
+    not_learned: tuple[NotLearned, ...] = ()  # channels that could not be used in some windows
+    copies: tuple[str, ...] = ()  # what was given more than once, in words
 
     @property
     def period(self) -> int:
@@ -94,13 +108,18 @@ class Baseline:
         return point_of(reading, self.axes)
 
     @cached_property
+    def counted(self) -> Counted:
+        """How many recordings, days and loads the windows are of."""
+        return counted(self.readings)
+
+    @cached_property
     def left_out(self) -> tuple[tuple[WindowReading, ExpectedLines], ...]:
-        """Every recording beside what the others let expect of it; of three and more."""
+        """Every window beside what the other recordings let expect of it; of three and more."""
         if len(self.readings) < 3:
             return ()
         return tuple(
-            (one, _expected(self.rig, [r for r in self.readings if r is not one], self.std, one, self.axes))
-            for one in self.readings
+            (one, _expected(self.rig, [self.readings[j] for j in others], self.std, one, self.axes))
+            for one, others in zip(self.readings, others_of(self.readings), strict=True)
         )
 
     @property
@@ -115,8 +134,8 @@ class Baseline:
             raise ParameterError(f"lines at 1/{reading.period} order against a baseline at 1/{self.period}")
         return _expected(self.rig, self.readings, self.std, reading, self.axes)
 
-    def swapped(self, reading: WindowReading, limits: LearningThresholds = DEFAULT) -> tuple[str, str] | None:
-        """Two channels whose names seem exchanged: with each as the other the pattern of the teeth fits much better."""
+    def swapped(self, reading: WindowReading, limits: LearningThresholds = DEFAULT) -> Exchanged | None:
+        """Two channels whose names seem exchanged: with each as the other the pattern of the teeth fits better."""
         lines, *_ = _interpolated(self.readings, reading, self.axes)
         named = _lines(reading)
         shared = sorted(set(named) & set(lines))
@@ -125,11 +144,9 @@ class Baseline:
             exchanged = named | {a: named[b], b: named[a]}
             fit[a, b] = _fit(exchanged, lines, reading.period, self.rig.teeth[0])
         best = max(fit, key=lambda key: fit[key])
-        return (
-            best
-            if best is not None and fit[best] > max(fit[None] + limits.exchange_gain, limits.exchange_fit)
-            else None
-        )
+        if best is None or fit[best] <= max(fit[None] + limits.exchange_gain, limits.exchange_fit):
+            return None
+        return Exchanged(channels=best, over=(fit[best] - fit[None]) / limits.exchange_gain)
 
 
 def without_channels(baseline: Baseline, names: Iterable[str]) -> Baseline | None:
@@ -151,17 +168,34 @@ def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:
 
 
 def learn(rig: Rig, readings: Sequence[WindowReading], shafts: Sequence[Fraction]) -> Baseline:
-    """A baseline from recordings of the healthy machine, two at least.
+    """A baseline from windows of the healthy machine, two at least, with what they repeat of one another.
 
-    Raises NotAvailable where they do not share a channel.
+    Copies count once, and channels at a rail, dead or interrupted are not learned from.
+    Raises NotAvailable where the windows do not share a channel.
     """
-    if len(readings) < 2:
-        raise ParameterError("a baseline needs at least two recordings of the healthy machine: one shows no scatter")
-    axes = axes_of(readings)
-    ordered = sorted(readings, key=lambda r: tuple(point_of(r, axes)))
+    from twin.baseline.leaving_out import repeats_of  # compares recordings with baselines of this module
+
+    single, copies = without_copies(readings)
+    usable, not_learned = only_usable(single)
+    if len(usable) < 2:
+        raise ParameterError(
+            "; ".join(
+                (
+                    "a baseline needs at least two recordings of the healthy machine: one shows no scatter",
+                    *copies,
+                    *(one.text for one in not_learned),
+                )
+            )
+        )
+    axes = axes_of(usable)
+    ordered = sorted(usable, key=lambda r: tuple(point_of(r, axes)))
     laid = _laid_over(rig, ordered, axes)
-    std, path = _scatter(laid, axes)
-    return Baseline(rig=rig, shafts=tuple(shafts), readings=laid, std=std, path_scatter=path)
+    std, path = scatter_of(laid, axes)
+    baseline = Baseline(
+        rig=rig, shafts=tuple(shafts), readings=laid, std=std, path_scatter=path, not_learned=not_learned,
+        copies=tuple(copies),
+    )  # fmt: skip
+    return replace(baseline, repeats=repeats_of(baseline))
 
 
 def _lines(reading: WindowReading) -> dict[str, np.ndarray]:
@@ -244,9 +278,9 @@ def _wider(readings: Sequence[WindowReading], reading: WindowReading, axes: Sequ
     """Root of V over V̄ of those left out from which the scatter was taken, 1 at least; and how many they are."""
     points = np.array([point_of(r, axes) for r in readings])
     left_out, between = [], []
-    for i in range(len(points)):
-        weights, _ = weights_of(np.delete(points, i, axis=0), points[i])
-        left_out.append(miss_of(points, points[i], {j + (j >= i): w for j, w in weights.items()}))
+    for i, others in enumerate(others_of(readings)):
+        weights, _ = weights_of(points[others], points[i])
+        left_out.append(miss_of(points, points[i], {others[j]: w for j, w in weights.items()}))
         between.append(len(weights) > 1)
     used = [v for v, inner in zip(left_out, between, strict=True) if inner or not any(between)]
     usual, at = float(np.mean(used)), point_of(reading, axes)
@@ -267,13 +301,14 @@ def _louder(readings: Sequence[WindowReading], reading: WindowReading, name: str
     return np.asarray(np.maximum(reading.channels[name].floor[:count] - 2 * most, 0.0))
 
 
-def _scatter(readings: Sequence[WindowReading], axes: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def scatter_of(
+    readings: Sequence[WindowReading], axes: Sequence[str]
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """What readings miss of the baseline of the others: of each line (K,), and of the path's ln|g|; by channel."""
     missed: dict[str, list[tuple[np.ndarray, ...]]] = {}
     left_out = []
-    for i in range(len(readings)):
-        others = [r for j, r in enumerate(readings) if j != i]
-        left_out.append((i, *_interpolated(others, readings[i], axes)))
+    for i, others in enumerate(others_of(readings)):
+        left_out.append((i, *_interpolated([readings[j] for j in others], readings[i], axes)))
     between = [(i, lines, power) for i, lines, power, _, names in left_out if len(names) > 1]
     for i, lines, power in between or [(i, lines, power) for i, lines, power, *_ in left_out]:
         for name, channel in readings[i].channels.items():

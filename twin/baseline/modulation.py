@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from math import sqrt
 
 from twin.assessment import Modulation
 from twin.baseline.learned import Baseline
-from twin.baseline.reading import ChannelLines
+from twin.baseline.reading import ChannelLines, WindowReading
+from twin.baseline.repeats import MODULATION
 from twin.features.lines import order_of
-from twin.features.modulation import Line, depth_of
+from twin.features.modulation import MULTIPLES, Line, depth_of
 from twin.features.window_features import Key
 from twin.thresholds import deciding
 
@@ -54,8 +55,28 @@ def _compared(one: Modulation, baseline: Baseline, limits: NewModulationThreshol
     if not depths:
         return one
     most = max(depths)
-    new = one.depth > limits.ratio * most and one.depth > most + limits.more
+    new = over_of(one.depth, most, limits) > baseline.repeats.factor(MODULATION, one.sensor)
     return replace(one, healthy=(min(depths), most), new=new)
+
+
+def over_of(depth: float, most: float, limits: NewModulationThresholds = DEFAULT) -> float:
+    """A depth over the limit from which it is new, where healthy recordings reach a depth at most."""
+    return depth / max(limits.ratio * most, most + limits.more)
+
+
+def deepest_over(reading: WindowReading, baseline: Baseline, sensor: str) -> float:
+    """The modulation of one sensor that is most over its limit, by the lines of a reading."""
+    teeth = baseline.rig.teeth
+    known = [_depths(r, sensor, teeth) for r in baseline.readings if sensor in r.channels]
+    here = _depths(reading, sensor, teeth)
+    return max(over_of(depth, max((d[i] for d in known), default=0.0)) for i, depth in enumerate(here))
+
+
+@lru_cache(maxsize=4096)  # of the same recordings, beside baselines of all others of them
+def _depths(reading: WindowReading, sensor: str, teeth: tuple[int, int]) -> tuple[float, ...]:
+    """Depth of every modulation of one sensor."""
+    read = partial(_line, reading.channels[sensor], teeth, reading.period)
+    return tuple(depth_of(read, shaft, n) for shaft in ("pinion", "gear") for n in MULTIPLES)
 
 
 def _line(lines: ChannelLines, teeth: tuple[int, int], period: int, key: Key) -> Line | None:

@@ -27,7 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.baseline.learned import Baseline
+from twin.baseline.operating import LEAST_RANGE
 from twin.baseline.reading import WindowReading
+from twin.baseline.recordings import recording_of
 from twin.thresholds import deciding
 
 SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
@@ -61,21 +63,9 @@ class OffLineThresholds:
         0.7, of="deviation of a change", meaning="deviation from which a recording is not said to be explained",
         source="derivation: the root of half; healthy recordings of the broken-tooth set reach 0.55",
     )  # fmt: skip
-    clipped: float = deciding(
-        0.001, meaning="share of samples at the largest and smallest value, beyond five times the healthy share, that "
-        "is clipping", source="derivation: of noise, two samples in a window",
-    )  # fmt: skip
-    clipped_over_healthy: float = deciding(
-        5.0, of="largest healthy share", meaning="share of samples at the extremes that is clipping",
-        source="not derived",
-    )  # fmt: skip
-    dead: float = deciding(
-        0.5, meaning="share of the window with one and the same value from which a sensor is dead",
-        source="convention: half",
-    )  # fmt: skip
-    dead_time: float = deciding(
-        0.01, meaning="longest run of one value, as a share of the window, that is dead time",
-        source="derivation: thousands of samples of noise are never alike",
+    over_healthy: float = deciding(
+        2.0, of="largest healthy share", meaning="share of lost samples, of a sensor that has lost some in healthy "
+        "recordings, too, from which that is new", source="not derived",
     )  # fmt: skip
     silent: float = deciding(
         -3.0, unit="ln of level", meaning="level against the expected one below which a sensor is dead",
@@ -136,19 +126,22 @@ def off_line_changes(
             continue
         here = dict(zip(lines.off.names, lines.off.values.tolist(), strict=True))
         known = [
-            (baseline.operating_point(r), dict(zip(c.off.names, c.off.values.tolist(), strict=True)))
+            (r, dict(zip(c.off.names, c.off.values.tolist(), strict=True)))
             for r in baseline.readings
             if (c := r.channels.get(channel)) is not None and c.off is not None
         ]
-        if len(known) < limits.least_recordings:
+        recordings = len(set(recording_of([r for r, _ in known])))
+        if recordings < limits.least_recordings:
             continue
         names = tuple(name for name in here if all(name in values for _, values in known))
-        u = np.array([point for point, _ in known])
+        u = np.array([baseline.operating_point(r) for r, _ in known])
+        varied = np.ptp(u, axis=0) > LEAST_RANGE * np.abs(u).mean(axis=0)  # the wander about one point is no load
+        u, at = u[:, varied], baseline.operating_point(reading)[varied]
         learned, now = np.array([[v[n] for n in names] for _, v in known]), np.array([here[n] for n in names])
-        change, spread = _deviations(u, learned, baseline.operating_point(reading), now, names, wider)
+        change, spread = _deviations(u, learned, at, now, names, wider)
         spread = spread * np.where([kind_of(name) == "level" for name in names], 1.0, _fewer_blocks(baseline, reading))
         shared = common * np.array([kind_of(name) in SIZES for name in names])
-        freedom = 4 * max(len(known) - 1 - u.shape[1], 1)
+        freedom = 4 * max(recordings - 1 - u.shape[1], 1)
         found.append((channel, names, now - change + shared, change - shared, spread, freedom))
     tried = sum(len(names) for _, names, *_ in found)
     out = [

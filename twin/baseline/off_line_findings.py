@@ -11,6 +11,7 @@ is no finding of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
 from twin.baseline.off_line_changes import DEFAULT, OffLineChange, OffLineThresholds, added_noise, off_line_changes
 from twin.baseline.off_lines import OffLines
+from twin.baseline.repeats import OFF_LINES
 from twin.baseline.shaft_names import LOCAL_ALTERNATIVES
 
 MOST_SAID = 3  # measures in one sentence
@@ -58,27 +60,36 @@ def off_lines_named(
     explained = {channel for effect in known if effect.name not in TIMING for channel in effect.channels}
     out = []
     for channel in dict.fromkeys(c.channel for window in changes for c in window):
+        raised = _raised(baseline, channel, limits)
         own = [[c for c in window if c.channel == channel] for window in changes]
-        at = {i: w for i, w in enumerate(own) if w and abs(w[0].deviation) > limits.changed}
-        at |= {i: w for i, w in enumerate(own) if added_noise(w, limits) is not None}
+        at = {i: w for i, w in enumerate(own) if w and abs(w[0].deviation) > raised.changed}
+        at |= {i: w for i, w in enumerate(own) if added_noise(w, raised) is not None}
         if channel in explained or not majority(list(at), len(changes)):
             continue
         i, strongest = max(at.items(), key=lambda item: abs(item[1][0].deviation))
-        named = _off_line(compared[i], channel, strongest, tuple(sorted(at)), limits)
+        named = _off_line(compared[i], channel, strongest, tuple(sorted(at)), raised)
         if not struck or named.name != "unknown_effect":
             out.append(named)
     return out
 
 
-def nearly_changed(changes: Sequence[Changes], limits: OffLineThresholds = DEFAULT) -> str:
+def _raised(baseline: Baseline, channel: str, limits: OffLineThresholds) -> OffLineThresholds:
+    """The limits of one channel, as far as healthy recordings left out have raised them."""
+    return replace(limits, changed=limits.changed * baseline.repeats.factor(OFF_LINES, channel))
+
+
+def nearly_changed(baseline: Baseline, changes: Sequence[Changes], limits: OffLineThresholds = DEFAULT) -> str:
     """That a measure is near what would be named; empty where none is."""
-    near = [c for window in changes for c in window[:1] if abs(c.deviation) > limits.suspected * limits.changed]
-    if not majority(range(len(near)), len(changes)):
+    least = {c.channel: limits.suspected * _raised(baseline, c.channel, limits).changed for w in changes for c in w}
+    near = [next((c for c in window if abs(c.deviation) > least[c.channel]), None) for window in changes]
+    found = [c for c in near if c is not None]
+    if not majority(range(len(found)), len(changes)):
         return ""
-    most = max(near, key=lambda c: abs(c.deviation))
+    most = max(found, key=lambda c: abs(c.deviation))
+    changed = least[most.channel] / limits.suspected
     return (
         f"{most.measure} of {most.channel} is {np.exp(most.change):.2f} times the healthy value "
-        f"({abs(most.deviation):.1f} standard deviations, where {limits.changed:g} are a change)"
+        f"({abs(most.deviation):.1f} standard deviations, where {changed:.3g} are a change)"
     )
 
 

@@ -42,6 +42,7 @@ COMB = 3  # multiples of a free order
 FREE = (0.35, 12.0)  # orders of the pinion that impacts of no shaft are searched in
 OWN_WIDTH = 2.5  # bins on either side that a line of the pair covers: half of Hann's main lobe, and what wander adds
 SILENCE = 1e-30  # level of a channel without any signal, in its unit
+PILED = 4  # times as many samples as the value beside it has, from which an extreme is a rail
 LEAST = 1e-9  # of the level, below which a measure is cut off
 
 
@@ -183,11 +184,19 @@ def _free(orders: np.ndarray, lines: np.ndarray, shafts: Sequence[Fraction]) -> 
 
 
 def _at_extremes(values: np.ndarray) -> float:
-    """Share of the samples that are the largest or the smallest value."""
+    """Share of the samples that pile up at the largest or the smallest value.
+
+    The last step of a converter's range holds as many samples as the step beside it, or up to 2.4 times as many where
+    the signal is one tone; a rail holds all that lies beyond it.
+    """
     finite = values[np.isfinite(values)]
     if finite.size == 0 or np.ptp(finite) == 0:
         return 0.0
-    return float(np.mean((finite == finite.max()) | (finite == finite.min())))
+    levels, counts = np.unique(finite, return_counts=True)
+    if levels.size <= 2:
+        return 1.0
+    at_rail = [int(end) for end, beside in (counts[:2], counts[:-3:-1]) if end > PILED * beside]
+    return float(sum(at_rail)) / finite.size
 
 
 def _longest_run(values: np.ndarray) -> float:

@@ -30,6 +30,7 @@ from twin.baseline.reading import WindowReading
 from twin.errors import NotAvailable
 from twin.thresholds import deciding
 
+LEAST_RANGE = 0.01  # of the mean, below which recordings lie at one operating point: half of a usual motor's slip
 SMOOTHNESS = 1.5  # p: between a random walk and a straight line
 
 
@@ -133,7 +134,8 @@ def distance_beyond(points: np.ndarray, at: np.ndarray) -> float:
 
 def _scaled(points: np.ndarray, values: np.ndarray) -> np.ndarray:
     low, width = points.min(axis=0), np.ptp(points, axis=0)
-    return (values - low) / np.where(width > 0, width, 1.0)
+    least = LEAST_RANGE * np.abs(points).mean(axis=0)  # recordings at one point: their wander is no range
+    return (values - low) / np.maximum(np.maximum(width, least), 1e-300)
 
 
 def _along(place: np.ndarray, u: float) -> dict[int, float] | None:

@@ -13,7 +13,7 @@ Holds    windows of more than 4·Q turns: closer lines run into each other
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from math import lcm
@@ -65,6 +65,15 @@ class ChannelLines:
     off: OffLines | None = None  # what lies off the lines; None for parts of a window and in older baseline files
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpacingSeen:
+    """A spacing of lines that no shaft makes, in one window."""
+
+    order: float  # of the pinion's rotation
+    clearness: float  # −ln of the probability that the search finds one as clear by chance
+    free: bool  # whether it is of no ratio of small numbers to the pinion's rotation
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WindowReading:
     """One window's lines."""
@@ -80,6 +89,8 @@ class WindowReading:
     absolute: bool  # whether the angle's zero stays the same from window to window
     torque_nm: float | None
     channels: Mapping[str, ChannelLines]
+    raw: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # RMS and kurtosis of every accelerometer
+    spacings: tuple[SpacingSeen, ...] = ()  # of lines that neither gear makes
 
     @property
     def orders(self) -> np.ndarray:
@@ -172,7 +183,16 @@ def read(
         absolute=bool(window.encoders) and "mesh" not in track.source,
         torque_nm=torque[0] if torque else None,
         channels=channels,
+        raw={sensor: raw_of(samples.values) for sensor, samples in window.accelerations.items()} if is_whole else {},
     )
+
+
+def raw_of(values: np.ndarray) -> tuple[float, float]:
+    """Root mean square about the mean, and kurtosis (3 for Gaussian noise), of a channel's valid samples (n,)."""
+    x = values[np.isfinite(values)]
+    x = x - (x.mean() if x.size else 0.0)
+    power = float(np.mean(x**2)) if x.size else 0.0
+    return float(np.sqrt(power)), float(np.mean(x**4)) / power**2 if power > 0 else 0.0
 
 
 def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:

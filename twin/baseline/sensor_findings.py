@@ -9,7 +9,7 @@ themselves say so, and no evidence is computed. The evidence of a reversed or la
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,42 +21,28 @@ from twin.baseline.off_line_changes import DEFAULT as OFF_LINES
 from twin.baseline.off_line_changes import OffLineThresholds
 from twin.baseline.reading import WindowReading
 from twin.baseline.sensor_timing import TimingChange
+from twin.baseline.usable import SensorFault, fault_of
 
 FAULTS = ("sensor_dead", "sensor_clipping", "sensor_dead_time")  # with these a channel's lines cannot be compared
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorFault:
-    """What makes one channel of a window unusable."""
-
-    channel: str
-    name: str  # of `FAULTS`
-    share: float  # of the samples
-    detail: str
 
 
 def sensor_faults(
     baseline: Baseline, reading: WindowReading, limits: OffLineThresholds = OFF_LINES
 ) -> tuple[SensorFault, ...]:
-    """Channels of a window that are dead, clipped or interrupted."""
+    """Channels of a window that are dead, clipped or interrupted, whether or not healthy recordings were so."""
     out = []
     for channel, lines in reading.channels.items():
-        off = lines.off
-        healthy = [c for r in baseline.readings if (c := r.channels.get(channel)) is not None and c.off is not None]
-        if off is None or not healthy:
-            continue
-        level = float(np.log(max(lines.rms, 1e-30)) - np.mean([np.log(max(c.rms, 1e-30)) for c in healthy]))
-        clipped = max(c.off.clipped for c in healthy if c.off is not None)
-        run = max(c.off.constant for c in healthy if c.off is not None)
-        if off.constant > limits.dead or level < limits.silent:
+        fault = fault_of(channel, lines)
+        healthy = [c for r in baseline.readings if (c := r.channels.get(channel)) is not None]
+        if not healthy and all(one.channel != channel for one in baseline.not_learned):
+            continue  # the baseline does not know this channel
+        level = float(np.log(max(lines.rms, 1e-30)) - np.mean([np.log(max(c.rms, 1e-30)) for c in healthy] or [0.0]))
+        if healthy and level < limits.silent and (fault is None or fault.name != "sensor_dead"):
             detail = f"{channel} gives {np.exp(level):.2g} times the healthy level: the sensor or its cable is dead"
-            out.append(SensorFault(channel=channel, name="sensor_dead", share=off.constant, detail=detail))
-        elif off.constant > max(limits.dead_time, limits.clipped_over_healthy * run):
-            detail = f"{channel} keeps one value for {100 * off.constant:.1f} % of the window: samples are missing"
-            out.append(SensorFault(channel=channel, name="sensor_dead_time", share=off.constant, detail=detail))
-        elif off.clipped > max(limits.clipped, limits.clipped_over_healthy * clipped):
-            detail = f"{100 * off.clipped:.1f} % of the samples of {channel} are at its largest or smallest value"
-            out.append(SensorFault(channel=channel, name="sensor_clipping", share=off.clipped, detail=detail))
+            share = 0.0 if lines.off is None else lines.off.constant
+            fault = SensorFault(channel=channel, name="sensor_dead", share=share, detail=detail)
+        if fault is not None:
+            out.append(fault)
     return tuple(out)
 
 
@@ -67,14 +53,14 @@ def without(reading: WindowReading, faults: Iterable[SensorFault]) -> WindowRead
     return replace(reading, channels=left) if left else reading
 
 
-def faults_named(found: Sequence[Sequence[SensorFault]]) -> list[Named]:
-    """Faults of sensors in most windows."""
+def faults_named(baseline: Baseline, found: Sequence[Sequence[SensorFault]]) -> list[Named]:
+    """Faults of sensors in most windows, without those that the healthy recordings show as much."""
     out = []
     for name in FAULTS:
         for channel in dict.fromkeys(f.channel for window in found for f in window if f.name == name):
             at = {i: f for i, w in enumerate(found) for f in w if f.channel == channel and f.name == name}
-            if majority(list(at), len(found)):
-                fault = next(iter(at.values()))
+            fault = next(iter(at.values()))
+            if majority(list(at), len(found)) and not _is_healthy(baseline, fault):
                 share = {"share": ParameterValue(value=fault.share, unit="", std=0.0)}
                 out.append(
                     Named(
@@ -83,6 +69,20 @@ def faults_named(found: Sequence[Sequence[SensorFault]]) -> list[Named]:
                     )
                 )  # fmt: skip
     return out
+
+
+def known_faults(baseline: Baseline, found: Sequence[Sequence[SensorFault]]) -> str:
+    """What sensors show now as in the healthy recordings, so that it is not new; empty where nothing."""
+    said = {f.channel: f.detail for window in found for f in window if _is_healthy(baseline, f)}
+    return "; ".join(f"{detail}, as in healthy recordings: its lines are not compared" for detail in said.values())
+
+
+def _is_healthy(baseline: Baseline, fault: SensorFault, limits: OffLineThresholds = OFF_LINES) -> bool:
+    """Whether healthy recordings had this fault about as much."""
+    most = max(
+        (x.most for x in baseline.not_learned if (x.channel, x.name) == (fault.channel, fault.name)), default=0.0
+    )
+    return fault.share <= limits.over_healthy * most
 
 
 def timing_named(

@@ -11,15 +11,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
-from twin.assessment import BaselineSufficiency, NotJudged
+from twin.assessment import BaselineSufficiency, Compared, LeftOut, NotJudged
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.operating import UNITS
+from twin.baseline.repeats import (
+    BY_PATTERN,
+    EXCHANGED,
+    IMPACTS,
+    LINES,
+    MISFIT,
+    MODULATION,
+    OFF_LINES,
+    PATHS,
+    PATTERN,
+    RAW,
+    SPACINGS,
+)
+from twin.baseline.repeats import DEFAULT as REPEATS
 from twin.thresholds import deciding
 
+BY_CHANNEL = (LINES, PATHS, OFF_LINES, MODULATION)  # what is compared in every channel by itself
+TOGETHER = (EXCHANGED, MISFIT, IMPACTS, SPACINGS, RAW)
 RATED_LOAD = "operating.input_torque"  # of the rig file
 
 
@@ -28,7 +45,7 @@ class SufficiencyLimits:
     """What a baseline must have before a kind of change can be judged with it."""
 
     least_recordings: int = deciding(
-        5, meaning="healthy windows from which a change of single teeth can be judged",
+        5, meaning="healthy recordings from which a change of single teeth can be judged",
         source="broken-tooth set, every baseline of so many of its seven loads: with four, 4 of 35 baselines miss the "
         "shaft behind the pair, and the fault is found in 177 of 203 cases at or between the learned loads; with five, "
         "none does, and it is found in 132 of 133",
@@ -45,10 +62,13 @@ LIMITS = SufficiencyLimits()
 def sufficiency_of(baseline: Baseline, limits: SufficiencyLimits = LIMITS) -> BaselineSufficiency:
     """What a baseline suffices for."""
     return BaselineSufficiency(
-        recordings=len(baseline.readings),
+        recordings=baseline.counted.recordings,
         recordings_needed=limits.least_recordings,
         load=load_range(baseline),
         not_judged=tuple(_not_judged(baseline, limits)),
+        windows=baseline.counted.windows,
+        days=baseline.counted.days,
+        loads=baseline.counted.loads,
     )
 
 
@@ -69,10 +89,49 @@ def _not_judged(baseline: Baseline, limits: SufficiencyLimits) -> Iterator[NotJu
 
 def thin_for_teeth(baseline: Baseline, limits: SufficiencyLimits = LIMITS) -> str | None:
     """Why single teeth cannot be judged yet, as a sentence; None where they can."""
-    count = len(baseline.readings)
-    if count >= limits.least_recordings:
+    known = baseline.counted
+    if known.recordings >= limits.least_recordings:
         return None
-    return f"{count} of at least {limits.least_recordings} recordings, {range_of(baseline)}: teeth cannot be judged yet"
+    many = known.windows > known.recordings
+    windows = f" ({known.windows} windows: those of one source, day and load count once)" if many else ""
+    return (
+        f"{known.recordings} of at least {limits.least_recordings} recordings{windows}, {range_of(baseline)}: teeth "
+        "cannot be judged yet"
+    )
+
+
+def left_out_of(baseline: Baseline) -> LeftOut:
+    """What is compared with a baseline and what not, by what leaving each recording out has shown."""
+    repeats = baseline.repeats
+    channels = sorted(baseline.std)
+    return LeftOut(
+        recordings=repeats.left_out,
+        false_alarms=repeats.false_alarms,
+        raw_false_alarms=repeats.raw_false_alarms,
+        meant=REPEATS.false_alarms,
+        compared=(
+            _compared(baseline, PATTERN, ""),
+            *(_compared(baseline, kind, channel) for kind in BY_CHANNEL for channel in channels),
+            *(_compared(baseline, kind, "") for kind in TOGETHER),
+        ),
+    )
+
+
+def _compared(baseline: Baseline, kind: str, channel: str) -> Compared:
+    """One kind of comparison."""
+    repeats = baseline.repeats
+    unlike = kind == PATTERN or kind in BY_PATTERN
+    if unlike and not repeats.pattern_compared:
+        reason = (
+            f"the healthy recordings do not repeat their tooth pattern: {repeats.unlike} has a correlation of "
+            f"{min(repeats.pattern):.2f} with the others, median {float(np.median(repeats.pattern)):.2f}"
+        )
+        return Compared(what=kind, channel=channel, factor=None, reason=reason)
+    factor = repeats.factor(kind, channel)
+    if not isfinite(factor):
+        reason = "most healthy recordings, left out, differ from the others by more than the limit"
+        return Compared(what=kind, channel=channel, factor=None, reason=reason)
+    return Compared(what=kind, channel=channel, factor=factor)
 
 
 def load_range(baseline: Baseline) -> tuple[float, float] | None:

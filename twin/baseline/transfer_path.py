@@ -96,11 +96,17 @@ class Path:
     common_power: float  # ln of the level that all sensors share, including lines that lost their phase
     change: float  # rms of the change beyond that which gain and level both show, in ln
     usual: float  # the same among healthy recordings
+    raised: float = 1.0  # factor of the limit, by what leaving healthy recordings out has shown
     limits: PathThresholds = DEFAULT
 
     @property
     def changed(self) -> bool:
-        return self.change > max(self.limits.least_change, self.limits.over_usual * self.usual)
+        return self.over > self.raised
+
+    @property
+    def over(self) -> float:
+        """The change over the limit from which it is one."""
+        return self.change / max(self.limits.least_change, self.limits.over_usual * self.usual)
 
     @property
     def moved(self) -> bool:

@@ -13,6 +13,7 @@ from twin.assessment import ParameterValue
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
+from twin.baseline.repeats import IMPACTS
 from twin.baseline.shaft_names import LOCAL_ALTERNATIVES, names_of, shaft_name
 from twin.baseline.turn_impacts import DEFAULT, TurnImpact, TurnImpactThresholds, turn_impacts
 
@@ -45,7 +46,8 @@ def impacts_named(
     limits: TurnImpactThresholds = DEFAULT,
 ) -> list[Named]:
     """Impacts once a turn in most windows; none where lines have shown a local fault of that shaft."""
-    at = {i: window[0] for i, window in enumerate(found) if window and window[0].deviation > limits.changed}
+    least = limits.changed * baseline.repeats.factor(IMPACTS)
+    at = {i: window[0] for i, window in enumerate(found) if window and window[0].deviation > least}
     if not majority(list(at), len(found)):
         return []
     first, one = max(at.items(), key=lambda item: item[1].deviation)
@@ -76,13 +78,14 @@ def nearly_impacts(
     limits: TurnImpactThresholds = DEFAULT,
 ) -> str:
     """That impacts once a turn are near what would be named; empty where none are."""
-    least = limits.suspected * limits.changed
+    changed = limits.changed * baseline.repeats.factor(IMPACTS)
+    least = limits.suspected * changed
     near = {i: window[0] for i, window in enumerate(found) if window and window[0].deviation > least}
     if not majority(list(near), len(found)):
         return ""
     first, one = max(near.items(), key=lambda item: item[1].deviation)
     said, where = _said(one, compared[first].reading.speed_hz), shaft_name(one.shaft, baseline)
-    return f"impacts once a turn of the {where}: {said}, where {limits.changed:g} are a change"
+    return f"impacts once a turn of the {where}: {said}, where {changed:.3g} are a change"
 
 
 def _parameters(one: TurnImpact) -> dict[str, ParameterValue]:

@@ -113,7 +113,7 @@ def turn_impacts(
     gone = set(unusable)
     channels = tuple(name for name in expected.lines if name not in gone)
     learned = _learned(baseline, channels, limits) if channels else ()
-    if len(learned) < limits.least_recordings:
+    if len(learned) < limits.least_recordings or baseline.counted.recordings < limits.least_recordings:
         return ()
     here = _pulses(baseline, channels, reading, expected, limits)
     shared = [place for place in here if all(place in pulses for pulses in learned)]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.assessment import RawLimit
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
 from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.operating import UNITS
+from twin.baseline.repeats import MISFIT
 from twin.baseline.shaft_names import shaft_name
 from twin.baseline.sufficiency import range_of, thin_for_teeth
 from twin.thresholds import deciding
@@ -50,29 +52,48 @@ def verdict_of(
     effects: Sequence[Named],
     misfit: float,
     nearly: str,
+    spacings: str,
     limits: DiagnosisThresholds,
 ) -> tuple[str, str]:
     """Verdict and reason, the gravest first.
 
-    nearly  what is near a change beside the lines of the shafts
+    nearly    what is near a change beside the lines of the shafts
+    spacings  what is new of lines that no shaft makes
     """
     if not all(c.same_teeth for c in compared):
         correlation = min(c.expected.alignment.correlation for c in compared if c.expected.alignment is not None)
         return "unknown_effect", (
             f"the pattern of the teeth is not the baseline's (correlation {correlation:.2f}): other gears, another "
-            "assembly, or tooth counts that are not this machine's"
+            "assembly, tooth counts that are not this machine's, or a fault that drowns it"
         )
     beyond = max(c.extrapolated for c in compared) ** 2
-    if misfit > limits.misfit * beyond:
+    if misfit > limits.misfit * beyond * baseline.repeats.factor(MISFIT):
         return "unknown_effect", f"the lines differ {misfit:.1f} times as much as healthy recordings do"
     unknown = next((e for e in effects if e.name == "unknown_effect"), None)
     if unknown is not None:
         return "unknown_effect", unknown.detail
+    if spacings:
+        return "unknown_effect", spacings
     near = nearly_believed(baseline, compared, limits) or nearly
     far = all(c.expected.beyond > OPERATING.far for c in compared)
     reasons = (beyond_range(baseline, compared[0]) if far else "", thin_for_teeth(baseline) or "", near)
     said = "; ".join(reason for reason in reasons if reason)
     return ("insufficient_data", said) if said else ("explained", "")
+
+
+def with_raw_limit(verdict: str, reason: str, raw: RawLimit, effects: Sequence[Named]) -> tuple[str, str, RawLimit]:
+    """Verdict and reason with the limit on raw RMS and kurtosis, which decides where nothing else has."""
+    if not raw.exceeded or effects or verdict == "unknown_effect":
+        return verdict, reason, raw
+    measures = ", ".join(
+        f"{'RMS' if m.name == 'rms' else m.name} of {m.channel} {m.value:.3g} (healthy {m.low:.3g} to {m.high:.3g})"
+        for m in raw.exceeded
+    )
+    said = (
+        f"the limit on raw levels alone decides: {measures}; no line, tooth or sensor that is compared tells what has "
+        "changed"
+    )
+    return "unknown_effect", "; ".join(r for r in (said, reason) if r), replace(raw, decides_alone=True)
 
 
 def nearly_believed(baseline: Baseline, compared: Sequence[BaselineComparison], limits: DiagnosisThresholds) -> str:

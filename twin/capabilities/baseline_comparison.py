@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from twin.assessment import EffectAssessment, EffectEvent, Unexplained
-from twin.baseline.comparison import compare_with_baseline, described, tracked
+from twin.baseline.comparison import BaselineResult, compare_levels, compare_with_baseline, described, tracked
+from twin.baseline.learned import Baseline
 from twin.baseline.validity import valid_part
 from twin.capabilities.context import Context, Draft
 from twin.errors import TwinError
@@ -22,8 +23,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     assert baseline is not None
     try:
         baseline = valid_part(baseline, draft.state.outdated)
-        window = tracked(context.rig, context.window, f"window {index}", baseline.shafts)
-        result = compare_with_baseline(baseline, context.rig, [window])
+        result = _compared(baseline, context, f"window {index}")
     except TwinError as fault:
         return draft.with_parts(unexplained=Unexplained(verdict="insufficient_data", reason=str(fault)))
     names = {effect.name for effect in result.effects}
@@ -35,7 +35,7 @@ def assess(context: Context, draft: Draft) -> Draft:
         residual=result.residual,
         effects=effects,
         unexplained=result.unexplained,
-        baseline=described(baseline, result.windows[0]),
+        baseline=described(baseline, result.windows[0] if result.windows else None, result.raw_limit),
         unattributed_lines=result.unattributed_lines,
     )
     return draft.with_latest(baseline=parts).with_parts(
@@ -51,6 +51,18 @@ def assess(context: Context, draft: Draft) -> Draft:
             if _identity(e) not in known
         ),
     )
+
+
+def _compared(baseline: Baseline, context: Context, name: str) -> BaselineResult:
+    """A window beside its baseline; by its raw levels alone where these are beyond limits and its angle is unknown."""
+    try:
+        window = tracked(context.rig, context.window, name, baseline.shafts)
+    except TwinError as fault:
+        found = compare_levels(baseline, context.rig, [context.window], str(fault))
+        if not found.raw_limit.exceeded:
+            raise
+        return found
+    return compare_with_baseline(baseline, context.rig, [window])
 
 
 def _identity(effect: EffectAssessment) -> tuple[str, tuple[str, ...]]:

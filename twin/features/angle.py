@@ -57,6 +57,7 @@ class AngleTrack:
     source: str  # which channel the angle comes from
     speed_std: float = 0.0  # standard deviation of the mean speed [Hz]
     errors: tuple[np.ndarray, ...] = ()  # of `cubics`, by the timing of the edges; none where they are exact
+    rivals: tuple[float, ...] = ()  # other speeds that the mesh lines suggest nearly as well [Hz]
 
     @property
     def in_error(self) -> tuple[AngleTrack, ...]:
@@ -72,6 +73,14 @@ class AngleTrack:
     def time_std(self) -> float:
         """Standard deviation of the time at an angle, by the timing of the edges [s]."""
         return float(np.sqrt(np.mean([e[3] ** 2 for e in self.errors]))) if self.errors else 0.0
+
+    @property
+    def doubt(self) -> str:
+        """That the speed is one of several candidates; empty where it is not."""
+        if not self.rivals:
+            return ""
+        others = " or ".join(f"{rival:.4g} Hz" for rival in self.rivals)
+        return f"the mesh lines fit {self.speed:.4g} Hz and {others}, within a per cent: either may be the speed"
 
     def time_and_slowness(self, angle) -> tuple[np.ndarray, np.ndarray]:
         """Time [s] and dt/dθ [s/rad] at each smoothed angle [rad]; any shape → two of the same."""

@@ -333,6 +333,8 @@ def _indicators(out: _Collector, signals: WindowSignals, angle: bool) -> None:
         try:
             averages = partial(signals.gear_averages, name) if angle else None
             found[name] = sensor_indicators(samples, averages, teeth)
+            if angle and signals.track.doubt:
+                found[name] = replace(found[name], doubt=signals.track.doubt)
         except WindowError as error:
             out.missing(f"indicators/{name}", str(error))
     out.values["indicators"] = found

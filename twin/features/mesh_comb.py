@@ -25,6 +25,8 @@ HARMONICS = 5
 SEARCH = 0.03  # the mesh frequency is looked for this far from nominal, relative
 SEGMENT = 2.0  # spectra are averaged over segments of this length [s]
 STANDS_OUT = 1.7  # least ratio of the best comb to the next one
+RIVAL = 0.012  # distance up to which a second comb is a second candidate, relative: one in a hundred, and its width
+DIP = 0.5  # of a second comb's score, to which the score must fall between the two
 LEAST_COMB = 3.0  # least mean ln(power/floor) of one sensor's harmonics together
 
 
@@ -53,6 +55,7 @@ class Comb:
     next_score: float  # best elsewhere in the range
     neighbour: float  # frequency of the best comb of sidebands, or up to three pinion orders beyond the range [Hz]
     neighbour_score: float
+    rivals: tuple[float, ...] = ()  # other combs within a per cent that fit nearly as well [Hz]
 
 
 def comb_search(accelerations: Mapping[str, Samples], nominal: float, teeth: tuple[int, int]) -> Comb:
@@ -84,7 +87,24 @@ def comb_search(accelerations: Mapping[str, Samples], nominal: float, teeth: tup
         next_score=float(total[elsewhere & inside & ~sideband].max(initial=0.0)),
         neighbour=float(frequency[beyond]),
         neighbour_score=float(total[beyond]),
+        rivals=_rivals(frequency, total, sideband, best, 4 * finest),
     )
+
+
+def _rivals(
+    frequency: np.ndarray, total: np.ndarray, sideband: np.ndarray, best: int, resolution: float
+) -> tuple[float, ...]:
+    """Combs nearer to the best than the next sideband, and further than the resolution, that nearly reach its score."""
+    off = np.abs(frequency - frequency[best])
+    near = ~sideband & (off > resolution) & (off <= max(RIVAL * frequency[best], 2 * resolution))
+    out: list[float] = []
+    for side in (frequency < frequency[best], frequency > frequency[best]):
+        i = int(np.argmax(np.where(near & side, total, 0.0)))
+        between = total[min(i, best) : max(i, best) + 1]
+        apart = float(between.min()) < DIP * total[i]  # a line that is smeared by the speed has no gap
+        if total[i] * STANDS_OUT > total[best] and apart:
+            out.append(float(frequency[i]))
+    return tuple(out)
 
 
 def check_comb(comb: Comb, wanted: str) -> None:

@@ -58,6 +58,7 @@ class MeshSpeed:
     comb: float  # mean over sensors of Σ_k ln(power/floor)
     runner_up: float  # the next best comb in the range
     track: AngleTrack
+    rivals: tuple[float, ...] = ()  # mesh frequencies of other combs within a per cent that fit nearly as well [Hz]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -197,7 +198,9 @@ def mesh_track(rig: Rig, accelerations: Mapping[str, Samples]) -> AngleTrack:
         "operating.pinion_speed_hz",
     )
     found = mesh_speed(accelerations, (int(z1), int(z2)), nominal)
-    return replace(found.track, speed_std=found.mesh_std_hz / z1)
+    rivals = tuple(rival / z1 for rival in found.rivals)
+    apart = max((abs(rival - found.track.speed) / 2 for rival in rivals), default=0.0)
+    return replace(found.track, speed_std=max(found.mesh_std_hz / z1, apart), rivals=rivals)
 
 
 def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nominal_hz: float) -> MeshSpeed:
@@ -246,4 +249,5 @@ def mesh_speed(accelerations: Mapping[str, Samples], teeth: tuple[int, int], nom
         comb=comb.score,
         runner_up=comb.next_score,
         track=track,
+        rivals=comb.rivals,
     )

@@ -15,7 +15,7 @@ from twin.assessment import Mistake
 from twin.plausibility.context import Examined
 from twin.plausibility.levels import levels, torque_polarity
 from twin.plausibility.sampling import aliasing, hum, shifted
-from twin.plausibility.speed import encoders, mesh_lines
+from twin.plausibility.speed import candidates, encoders, mesh_lines
 from twin.plausibility.thresholds import LevelThresholds, SamplingThresholds, SpeedThresholds
 from twin.rig import Rig
 from twin.windows import Window
@@ -25,6 +25,7 @@ CHECKS: tuple[tuple[Callable[[Examined, Any], list[Mistake]], Any], ...] = (
     (torque_polarity, LevelThresholds()),
     (encoders, SpeedThresholds()),
     (mesh_lines, SpeedThresholds()),
+    (candidates, SpeedThresholds()),
     (aliasing, SamplingThresholds()),
     (shifted, SamplingThresholds()),
     (hum, SamplingThresholds()),

@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import fft
 from scipy.ndimage import median_filter
@@ -27,7 +29,6 @@ MOST_FOLDED = 40  # harmonics above half the sampling rate that are examined
 SMOOTH_TURNS = 2.0  # over which a mesh phase is averaged
 MAINS = (50.0, 60.0)  # [Hz]
 MULTIPLES = 4  # of the mains frequency
-MAINS_WIDTH = 0.002  # relative, in which mains frequencies lie
 
 
 def _demodulated(x: np.ndarray, angle: np.ndarray, order: float, blocks: int = BLOCKS) -> np.ndarray:
@@ -156,52 +157,83 @@ def _shift(seen: Examined, samples: Samples, k: int, limits: SamplingThresholds)
     return (shift, std) if clear else None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tones:
+    """Low end of one channel's spectrum."""
+
+    amplitude: np.ndarray  # peak (n,)
+    floor: np.ndarray  # of the noise (n,)
+    step: float  # [Hz]
+    resolution: float  # up to which two tones are one [Hz]
+    least: float  # height over the floor from which a tone is there [dB]
+
+    def near(self, frequency: float, reach: float) -> tuple[float, float] | None:
+        """Frequency and amplitude of the tone within a reach of a frequency [Hz]; None where there is none."""
+        width = max(3, int(reach / self.step))
+        middle = round(frequency / self.step)
+        if middle - width < 0 or middle + width >= self.floor.size:
+            return None
+        at = middle - width + int(np.argmax(self.amplitude[middle - width : middle + width + 1]))
+        if 20 * np.log10(self.amplitude[at] / max(float(self.floor[at]), 1e-300)) < self.least:
+            return None
+        return at * self.step, float(self.amplitude[at])
+
+
+def _tones_of(samples: Samples, limits: SamplingThresholds) -> _Tones:
+    x = samples.values
+    weight = hann(x.size)
+    length = fft.next_fast_len(x.size, real=True)
+    amplitude = 2 * np.abs(fft.rfft(x * weight, length)) / weight.sum()
+    step = samples.rate / length
+    floor = np.sqrt(median_filter(amplitude[: int(300 / step)] ** 2, max(9, int(4 / step)) | 1) / np.log(2))
+    return _Tones(amplitude, floor, step, NEAR / samples.duration, limits.hum_line)
+
+
 def hum(seen: Examined, limits: SamplingThresholds) -> list[Mistake]:
-    """Tones at 50 or 60 Hz and its multiples, which no shaft makes."""
+    """Tones at the frequency of the mains, 50 or 60 Hz, and its multiples, which nothing that turns makes."""
     out = []
     for name, samples in seen.vibrations.items():
-        x = samples.values
-        weight = hann(x.size)
-        length = fft.next_fast_len(x.size, real=True)
-        amplitude = 2 * np.abs(fft.rfft(x * weight, length)) / weight.sum()
-        step = samples.rate / length
-        floor = np.sqrt(median_filter(amplitude[: int(300 / step)] ** 2, max(9, int(4 / step)) | 1) / np.log(2))
-        rms = float(np.sqrt(np.mean(x**2)))
+        tones, rms = _tones_of(samples, limits), float(np.sqrt(np.mean(samples.values**2)))
         for mains in MAINS:
-            lines = [
-                (n * mains, a) for n in range(1, MULTIPLES + 1)
-                if (a := _tone(amplitude, floor, step, n * mains, seen, samples.duration, limits)) is not None
-            ]  # fmt: skip
-            size = float(np.sqrt(sum(a**2 for _, a in lines)))
-            if lines and lines[0][0] == mains and size > limits.hum * rms:
-                tones = listed([f"{a:.3g} m/s² at {f:.0f} Hz" for f, a in lines])
+            first = tones.near(mains, limits.mains)
+            if first is None or _turns(first[0], tones, seen, limits):
+                continue
+            lines = [first]
+            lines += [
+                t for n in range(2, MULTIPLES + 1) if (t := tones.near(n * first[0], tones.resolution)) is not None
+            ]
+            if float(np.sqrt(sum(a**2 for _, a in lines))) > limits.hum * rms:
+                said = listed([f"{a:.3g} m/s² at {f:.1f} Hz" for f, a in lines])
                 out.append(
                     Mistake(
                         kind="hum", channels=(f"accel/{name}",),
-                        evidence=f"tones at multiples of {mains:.0f} Hz: {tones}",
+                        evidence=f"tones at multiples of {mains:.0f} Hz: {said}",
                         remedy="mains hum? Check the earth of sensor and cable (a ground loop)",
                     )
                 )  # fmt: skip
     return out
 
 
-def _tone(
-    amplitude: np.ndarray,
-    floor: np.ndarray,
-    step: float,
-    frequency: float,
-    seen: Examined,
-    duration: float,
-    limits: SamplingThresholds,
-) -> float | None:
-    """Amplitude of a tone near a frequency; None where there is none, or where a shaft may make it."""
-    reach = max(3, int(MAINS_WIDTH * frequency / step))
-    middle = round(frequency / step)
-    if middle + reach >= floor.size:
-        return None
-    at = middle - reach + int(np.argmax(amplitude[middle - reach : middle + reach + 1]))
-    if 20 * np.log10(amplitude[at] / max(float(floor[at]), 1e-300)) < limits.hum_line:
-        return None
-    if seen.teeth is not None and seen.track is not None and _is_shaft_line(at * step, seen, duration):
-        return None
-    return float(amplitude[at])
+def _turns(frequency: float, tones: _Tones, seen: Examined, limits: SamplingThresholds) -> bool:
+    """Whether a shaft may make a tone: one of known or stated speed, or any whose other multiples are there, too."""
+    reach = max(3 * tones.step, tones.resolution)
+    for speed, doubt in _speeds(seen, limits):
+        n = max(1, round(frequency / speed))
+        if (doubt == 0 or n <= limits.stated_multiples) and abs(frequency - n * speed) < reach + doubt * n * speed:
+            return True
+    for part in range(2, limits.most_parts + 1):
+        others = [j for j in range(1, 2 * part) if j % part]
+        there = [j for j in others if tones.near(j * frequency / part, 2 * tones.step) is not None]
+        if len(there) > limits.comb * len(others):
+            return True
+    return False
+
+
+def _speeds(seen: Examined, limits: SamplingThresholds) -> list[tuple[float, float]]:
+    """Speeds of the shafts [Hz], each with its relative doubt: 0 where it was measured."""
+    stated = seen.rig.get("operating.pinion_speed_hz")
+    if seen.track is None and not stated:
+        return []
+    speed, doubt = (float(stated), limits.stated_speed) if seen.track is None else (seen.track.speed, 0.0)
+    gear = [] if seen.teeth is None else [speed * seen.teeth[0] / seen.teeth[1]]
+    return [(one, doubt) for one in (speed, *gear)]

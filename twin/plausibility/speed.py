@@ -78,6 +78,18 @@ class _Spectrum:
         return out
 
 
+def candidates(seen: Examined, _: SpeedThresholds) -> list[Mistake]:
+    """Mesh lines that fit two speeds within a per cent, where nothing else tells the speed."""
+    if seen.track is None or not seen.track.doubt:
+        return []
+    return [
+        Mistake(
+            kind="mesh", channels=tuple(f"accel/{name}" for name in seen.vibrations), evidence=seen.track.doubt,
+            remedy="a planetary stage, or a second gear pair? A tachometer tells them apart",
+        )
+    ]  # fmt: skip
+
+
 def mesh_lines(seen: Examined, limits: SpeedThresholds) -> list[Mistake]:
     """The mesh lines are not where tooth count and encoder put them, in every accelerometer."""
     if seen.teeth is None or seen.track is None or not seen.by_encoder or seen.is_slow:

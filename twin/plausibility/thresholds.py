@@ -106,6 +106,26 @@ class SamplingThresholds:
         0.1, of="RMS of the channel", meaning="amplitude of tones at multiples of 50 or 60 Hz that are named",
         source="not derived: chosen",
     )  # fmt: skip
+    mains: float = deciding(
+        0.2, unit="Hz", meaning="distance of a tone from 50 or 60 Hz up to which it may be the mains",
+        source="convention: large grids leave it for minutes a year (continental Europe: standard deviation 0.02 Hz)",
+    )  # fmt: skip
+    stated_speed: float = deciding(
+        0.01, of="stated speed", meaning="how far a speed that was stated and not measured may be off",
+        source="not derived: half of the usual slip of an induction motor",
+    )  # fmt: skip
+    stated_multiples: int = deciding(
+        6, meaning="multiples of a stated speed that excuse a tone",
+        source="derivation: at the sixth, the doubt of the speed covers an eighth of the distance between multiples",
+    )  # fmt: skip
+    most_parts: int = deciding(
+        8, meaning="lowest speed, as a part of the tone's frequency, whose other multiples are looked for",
+        source="not derived: at an eighth of 50 Hz, a shaft turns at 6 Hz",
+    )  # fmt: skip
+    comb: float = deciding(
+        0.6, of="other multiples of that speed", meaning="share that must be there for the tone to be that of a shaft",
+        source="not derived: chance makes none of them",
+    )  # fmt: skip
     hum_line: float = deciding(
         20.0, unit="dB", meaning="height over the noise floor of such a tone",
         source="derivation: noise exceeds 100 times its median power in less than one of 10^30 lines",
