@@ -62,7 +62,7 @@ def changed(rig: Rig, state: State, change: MachineChange, options: Options | No
         state = replace(state, count=count, counted=0.0 if change.kind == "gears_replaced" else state.counted)
         state = replace(state, fallen=None)
     if change.kind in ("gears_replaced", "reassembled"):
-        state = replace(state, history=History())
+        state = replace(state, history=History(), rhythm=state.rhythm.begun_anew())
     return replace(state, outdated={**state.outdated, **_outdated(change, options.baseline)})
 
 

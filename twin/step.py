@@ -69,8 +69,14 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
     for capability in CAPABILITIES:
         if capability.applies(context, draft):
             draft = capability.assess(context, draft)
-    events = (WindowEvent(window=draft.record), *draft.assessment.events)
-    return replace(draft.state, windows_seen=state.windows_seen + 1), replace(draft.assessment, events=events)
+    record = draft.record
+    missing = None if draft.judged else (*record.notes, "it was not assessed")[0]
+    rhythm = state.rhythm.with_window(record.index, record.start_time_ns, missing)
+    events = (WindowEvent(window=record), *draft.assessment.events)
+    return (
+        replace(draft.state, windows_seen=state.windows_seen + 1, rhythm=rhythm),
+        replace(draft.assessment, events=events, verdict=rhythm.verdict_window()),
+    )
 
 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:

@@ -50,6 +50,7 @@ from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.off_orders import OffOrderThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
+from twin.held_level import LevelHysteresis
 from twin.inspected import InspectionLimits
 from twin.learned_limits import LearnedLimits
 from twin.levels.relation import RelationLimits
@@ -121,10 +122,13 @@ from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
+from twin.verdict_window import VerdictAge
 from twin.what_if import DutyLimits
 
 SETS: tuple[type, ...] = (
     StatusLimits,
+    VerdictAge,
+    LevelHysteresis,
     DutyLimits,
     LearnedLimits,
     CauseThresholds,

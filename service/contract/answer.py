@@ -101,7 +101,7 @@ def health_of(
     """`status` and `data` as they are shown; the arguments are those of `assemble`."""
     data = data_of(records, stale, NO_WHOLE_WINDOW)
     status = (report or {}).get("status") or none_yet(NO_WINDOW)
-    return shown(status, data, added), data.as_json()
+    return shown(status, data, added, records), data.as_json()
 
 
 def assemble(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Literal
 
@@ -13,6 +14,9 @@ Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
 SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
 
 
+_QUANTITY = re.compile(r"^(the )?[a-z ]{3,30} (is|are) not available: (?=.)")  # at the start of a reason
+
+
 class Finding(ContractModel):
     """One rule that applies."""
 
@@ -20,11 +24,19 @@ class Finding(ContractModel):
     level: Level
     reason: str = Field(description="one sentence with figures and units")
     action: str = Field(description="what to do: one sentence in the imperative")
+    share: float | None = Field(
+        default=None, description="of what is measured, 0 to 1, that it explains or lies beyond its limit"
+    )
 
 
 def by_severity(findings: Iterable[Finding]) -> list[Finding]:
-    """Findings, most severe first; of the same level in the order given."""
-    return sorted(findings, key=lambda f: -SEVERITY.index(f.level))
+    """Findings, most severe first; of the same level those that explain most, and before them those without a share."""
+    return sorted(findings, key=lambda f: (-SEVERITY.index(f.level), -1.0 if f.share is None else -f.share))
+
+
+def cause(reason: str) -> str:
+    """A reason without the quantity that it is the reason of: "wear is not available: no module" is "no module"."""
+    return _QUANTITY.sub("", reason)
 
 
 def sentence(text: str) -> str:

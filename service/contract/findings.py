@@ -30,13 +30,12 @@ The exception is a machine whose depth earlier windows had established, and whos
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from service.contract.base import HOUR, MICROMETRE, PERCENT, iso_time
-from service.contract.finding import SEVERITY, Finding, Level, by_severity, sentence
+from service.contract.finding import SEVERITY, Finding, Level, by_severity, cause, sentence
 from service.contract.inspections import contradiction
 from twin import assessment
 from twin.attention import StatusLimits, horizon_of, probability_within
@@ -51,7 +50,6 @@ UNJUDGED = (
     "Remove the reason (`gear-twin doctor` examines recording and rig file), or learn a healthy baseline (`gear-twin "
     "baseline`), so that the machine can be judged."
 )
-_QUANTITY = re.compile(r"^(the )?[a-z ]{3,30} (is|are) not available: (?=.)")  # at the start of a reason
 SETTLED = ("accepted", "pinned")  # by an engineer
 CONFIRMATION = "inspect the machine, or replace the estimates in the rig file by measured values"
 UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
@@ -364,14 +362,20 @@ def findings_of(found: assessment.Assessment, limits: StatusLimits) -> list[Find
     return by_severity(finding for rule in RULES for finding in rule(found, limits))
 
 
+def normal_reason(found: assessment.Assessment) -> str:
+    """What a machine without any finding is said to be, by what it is judged by."""
+    if isinstance(found.wear, assessment.Wear):
+        what = "what the encoders measure" if _without_accelerometer(found) else "the vibration"
+        far = ", and wear is far from its limit" if isinstance(found.life, assessment.Life) else ""
+        return f"The twin explains {what}{far}."
+    if found.baseline is not None:
+        return "The vibration is as in the healthy recordings."
+    return "Nothing that calls for attention was found."
+
+
 def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
     """The largest combined depth [m], of whatever method; None where there is none."""
     wear = found.wear
     if isinstance(wear, assessment.Wear):
         return wear.depth["combined"]
     return wear.depth if isinstance(wear, assessment.LevelWear) else None
-
-
-def cause(reason: str) -> str:
-    """A reason without the quantity that it is the reason of: "wear is not available: no module" is "no module"."""
-    return _QUANTITY.sub("", reason)

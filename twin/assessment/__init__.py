@@ -55,6 +55,7 @@ from twin.assessment.indicators import GearIndicators, SensorIndicators
 from twin.assessment.mistake import Mistake
 from twin.assessment.modulation import Modulation, SidebandPair
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
+from twin.assessment.verdict import VerdictWindow
 from twin.assessment.wear import (
     EstablishedBefore,
     FlankProfile,
@@ -136,6 +137,7 @@ __all__ = [
     "Unavailable",
     "Unexplained",
     "UpdateEvent",
+    "VerdictWindow",
     "Wear",
     "WearProfile",
     "WindowAssessment",

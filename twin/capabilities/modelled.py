@@ -84,6 +84,7 @@ def assess(context: Context, draft: Draft) -> Draft:
         state=replace(state, recent=recent, latest=latest_of(assessment), tracing=result.tracing, history=history),
         assessment=replace(assessment, window=record, events=tuple(events)),
         modelled=True,
+        judged=True,
     )
 
 
@@ -110,6 +111,7 @@ def answer_of(
         unexplained=with_unknown_content(tracing, unexplained),
         calibration=calibration_of(rig, outcome.memory),
         attribution=attribution_of(tracing),
+        verdict=state.rhythm.verdict_window(),
     )
 
 
