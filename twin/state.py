@@ -29,6 +29,7 @@ from twin.errors import ParameterError
 from twin.established import History
 from twin.features.indicator_record import Records
 from twin.held_level import HeldLevel
+from twin.level_record import Levels
 from twin.revolution_count import CountOffset
 from twin.serial import from_plain, to_plain
 from twin.state_v1 import migrated_state
@@ -94,6 +95,7 @@ class State:
     outdated: Mapping[str, str] = field(default_factory=dict)  # baselines that no longer hold (machine_changes.py)
     history: History = field(default_factory=History)  # windows of these gears with an established depth
     rhythm: Rhythm = field(default_factory=Rhythm)  # which windows were assessed
+    learned_levels: Levels = ()  # vibration levels of the first windows, by operating condition
     held: HeldLevel = field(default_factory=HeldLevel)  # level of the status
 
     @property
@@ -119,6 +121,7 @@ class State:
             "outdated": dict(self.outdated),
             "history": to_plain(self.history),
             "rhythm": to_plain(self.rhythm),
+            "learned_levels": to_plain(self.learned_levels),
             "held": to_plain(self.held),
         }
 
@@ -150,5 +153,6 @@ class State:
             outdated=dict(data.get("outdated", {})),
             history=from_plain(History, data.get("history", {})),
             rhythm=from_plain(Rhythm, data.get("rhythm", {})),
+            learned_levels=from_plain(Levels, data.get("learned_levels", ())),
             held=from_plain(HeldLevel, data.get("held", {})),
         )

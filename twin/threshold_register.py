@@ -53,6 +53,7 @@ from twin.features.pulses import PulseThresholds
 from twin.held_level import LevelHysteresis
 from twin.inspected import InspectionLimits
 from twin.learned_limits import LearnedLimits
+from twin.level_record import LevelAlarm
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
@@ -116,6 +117,7 @@ from twin.updating.life import LifeSpread
 from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
 from twin.updating.prediction import LearnedFactors
+from twin.updating.rate_change import RateChangeLimits
 from twin.updating.rate_histories import RateHistories
 from twin.updating.remaining_life import LifeScatter
 from twin.updating.running_time import RunningLimits
@@ -131,6 +133,7 @@ SETS: tuple[type, ...] = (
     LevelHysteresis,
     DutyLimits,
     LearnedLimits,
+    LevelAlarm,
     CauseThresholds,
     DiagnosisThresholds,
     EnergyThresholds,
@@ -244,6 +247,7 @@ SETS: tuple[type, ...] = (
     RunningLimits,
     SegmentLimits,
     RateDrift,
+    RateChangeLimits,
     RateHistories,
     CalibrationWindows,
 )

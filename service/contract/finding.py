@@ -11,6 +11,7 @@ from pydantic import Field
 from service.contract.base import ContractModel
 
 Level = Literal["normal", "no_verdict", "watch", "alarm", "end_of_life"]
+NO_ACTION = "No action needed."
 SEVERITY: tuple[Level, ...] = ("normal", "no_verdict", "watch", "alarm", "end_of_life")
 
 
@@ -30,8 +31,8 @@ class Finding(ContractModel):
 
 
 def by_severity(findings: Iterable[Finding]) -> list[Finding]:
-    """Findings, most severe first; of the same level those that explain most, and before them those without a share."""
-    return sorted(findings, key=lambda f: (-SEVERITY.index(f.level), -1.0 if f.share is None else -f.share))
+    """Findings, most severe first; of the same level, by what they explain; then in the order given."""
+    return sorted(findings, key=lambda f: (-SEVERITY.index(f.level), -(f.share or 0.0)))
 
 
 def cause(reason: str) -> str:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from service.contract.base import ContractModel, iso_time
-from service.contract.finding import SEVERITY, Finding, Level, by_severity, sentence
+from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, sentence
 from service.contract.verdict import SUBJECT, Verdict
 from twin.attention import STATUS_LIMITS, StatusLimits
 from twin.held_level import HeldLevel, LevelHysteresis
@@ -37,7 +37,6 @@ DATA_LEVELS: tuple[DataLevel, ...] = ("waiting", "ok", "degraded", "stale")
 NORMAL_REASON = "Nothing that calls for attention was found."
 HELD: tuple[Level, ...] = ("watch", "alarm", "end_of_life")
 HYSTERESIS = LevelHysteresis()
-NO_ACTION = "No action needed."
 WAIT = "Send the first measurement window: nothing can be said of the machine before."
 RENEW = "Send a new measurement window: it renews the figures."
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
@@ -97,7 +96,9 @@ def made_of(basis: Basis) -> Status:
     """The status: the one function that makes levels, reasons and actions."""
     old = None if basis.verdict is None else basis.verdict.finding()
     ordered = _ordered(basis.findings if old is None else (*basis.findings, old))
-    reasons = [f.reason for f in ordered] or [basis.normal]
+    reasons = [f.reason for f in ordered]
+    if not ordered or ordered[0].level == "normal":
+        reasons.insert(0, basis.normal)
     if old is None and basis.verdict is not None and basis.verdict.not_assessed and basis.verdict.window is not None:
         reasons.insert(1, basis.verdict.sentence())
     status = Status(

@@ -125,6 +125,14 @@ def preliminary_of(value: assessment.Preliminary | None) -> Preliminary | None:
     return None if value is None else Preliminary.of(value)
 
 
+class RateChange(ContractModel):
+    """A change of the wear rate by more than a factor of three."""
+
+    factor: float = Field(description="rate since the change over the rate before")
+    revolutions: float = Field(description="of the pinion at the change")
+    windows: int = Field(description="after it")
+
+
 class Wear(ContractModel):
     """Wear now, by the model of the machine or by a relation of level and depth."""
 
@@ -144,6 +152,9 @@ class Wear(ContractModel):
     )
     preliminary: Preliminary | None = Field(default=None, description="null where the depth is established")
     inspections: Inspections | None = Field(default=None, description="measured depths that are part of the estimate")
+    rate_change: RateChange | None = Field(
+        default=None, description="absent where the wear rate has not changed by more than a factor of three"
+    )
 
     @classmethod
     def of(cls, wear: assessment.Wear | assessment.LevelWear) -> Wear:
@@ -154,6 +165,9 @@ class Wear(ContractModel):
     @classmethod
     def _of_model(cls, wear: assessment.Wear) -> Wear:
         parts: dict[str, Any] = {} if wear.inspected is None else {"inspections": Inspections.of(wear.inspected)}
+        if wear.rate_change is not None:
+            own = wear.rate_change
+            parts["rate_change"] = RateChange(factor=own.factor, revolutions=own.revolutions, windows=own.windows)
         return cls(
             k_wear_per_n=wear.wear_coefficient,
             dwell_time_s=wear.dwell_time,

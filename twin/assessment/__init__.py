@@ -55,7 +55,7 @@ from twin.assessment.indicators import GearIndicators, SensorIndicators
 from twin.assessment.mistake import Mistake
 from twin.assessment.modulation import Modulation, SidebandPair
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
-from twin.assessment.verdict import VerdictWindow
+from twin.assessment.verdict import LevelExcess, VerdictWindow
 from twin.assessment.wear import (
     EstablishedBefore,
     FlankProfile,
@@ -67,6 +67,7 @@ from twin.assessment.wear import (
     LifeDate,
     ModelValidity,
     Preliminary,
+    RateChange,
     RelationOrigin,
     Wear,
     WearProfile,
@@ -103,6 +104,7 @@ __all__ = [
     "InspectedDepth",
     "InspectionResult",
     "Interval",
+    "LevelExcess",
     "LevelReading",
     "LevelWear",
     "Life",
@@ -121,6 +123,7 @@ __all__ = [
     "ParameterValue",
     "PossibleCause",
     "Preliminary",
+    "RateChange",
     "RelationOrigin",
     "Residual",
     "RmsEstimate",

@@ -80,6 +80,15 @@ class InspectionResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RateChange:
+    """A change of the wear rate that is surely larger than its limit."""
+
+    factor: float  # rate since the change over the rate before
+    revolutions: float  # of the pinion at the change
+    windows: int  # after it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wear:
     """Wear by the model of the machine."""
 
@@ -94,6 +103,7 @@ class Wear:
     validity: ModelValidity
     preliminary: Preliminary | None = None  # None where the depth is established
     inspected: InspectionResult | None = None  # where inspections are part of the estimate
+    rate_change: RateChange | None = None  # None where the wear rate has not changed by a large factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,6 +15,7 @@ from twin.capabilities import (
     baseline_comparison,
     condition_indicators,
     encoder_pair,
+    learned_level,
     level_relation,
     likely_mistakes,
     mesh_bands,
@@ -49,4 +50,5 @@ CAPABILITIES: tuple[Capability, ...] = (
     shaft_modulation,
     likely_mistakes,
     condition_indicators,
+    learned_level,
 )
