@@ -48,13 +48,13 @@ class Estimate:
 def step(rig: Rig, state: State, window: Window, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.step` with its assessment as an estimate."""
     state, found = twin.step.step(rig, state, window, options)
-    status, held = status_after(found, state.held, options.status_limits)
+    status, held = status_after(found, state.held, options.status_limits.of_rig(rig))
     return replace(state, held=held), estimate_of(found, status)
 
 
 def decide(rig: Rig, state: State, decision: Decision, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.decide` with its assessment as an estimate."""
-    return _by_people(*twin.step.decide(rig, state, decision, options), options)
+    return _by_people(rig, *twin.step.decide(rig, state, decision, options), options)
 
 
 def inspect(
@@ -67,17 +67,17 @@ def inspect(
         flank=inspection["flank"],
         std=inspection["std_um"] * MICROMETRE,
     )
-    return _by_people(*twin.step.inspect(rig, state, measured), options)
+    return _by_people(rig, *twin.step.inspect(rig, state, measured), options)
 
 
 def change(rig: Rig, state: State, made: MachineChange, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.change` with its assessment as an estimate."""
-    return _by_people(*twin.step.change(rig, state, made, options), options)
+    return _by_people(rig, *twin.step.change(rig, state, made, options), options)
 
 
-def _by_people(state: State, found: assessment.Assessment, options: Options) -> tuple[State, Estimate]:
+def _by_people(rig: Rig, state: State, found: assessment.Assessment, options: Options) -> tuple[State, Estimate]:
     """What people have decided, measured or changed: a level that was held is over."""
-    status, held = status_after(found, HeldLevel(), options.status_limits)
+    status, held = status_after(found, HeldLevel(), options.status_limits.of_rig(rig))
     return replace(state, held=held), estimate_of(found, status)
 
 

@@ -41,12 +41,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from service.contract.base import HOUR, MICROMETRE, iso_time
+from service.contract.base import MICROMETRE, iso_time, spoken_time
 from service.contract.effect_findings import EFFECT_RULES, Rule
 from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, cause, sentence
 from service.contract.inspections import contradiction
 from twin import assessment
-from twin.attention import StatusLimits, horizon_of, probability_within
+from twin.attention import DAY, StatusLimits, probability_within, revolutions_ahead
 
 INCOMPLETE = (
     "Complete the rig file (`gear-twin init` makes one), or learn a healthy baseline (`gear-twin baseline`), so that "
@@ -107,15 +107,9 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
     life = found.life
     if not isinstance(life, assessment.Life) or life.reached:
         return
-    run = found.revolutions if found.window is None else found.window.revolutions
-    horizon = horizon_of(run, life.speed, limits)
-    if horizon is None:
-        return
-    chance = probability_within(life.revolutions, horizon.revolutions)
+    chance = probability_within(life.revolutions, revolutions_ahead(life, limits))
     if chance <= limits.possible:
         return
-    basis = "the stated horizon" if horizon.stated else f"{100 * limits.horizon:.0f} % of the revolutions so far"
-    within = f"{horizon.time / HOUR:.3g} h"
     left = _until(life)
     action = (
         f"Replace the gear pair {left}"
@@ -125,8 +119,8 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
     yield Finding(
         subject="life",
         level="alarm" if chance > limits.probable else "watch",
-        reason=f"The end of life ({life.limit / MICROMETRE:.4g} µm) is reached within {horizon.revolutions:,.0f} "
-        f"revolutions ({within}, {basis}) with a probability of {100 * chance:.0f} %.",
+        reason=f"The end of life ({life.limit / MICROMETRE:.4g} µm) is reached within {_ahead(life, limits)} with a "
+        f"probability of {100 * chance:.0f} %.",
         action=f"{action} (5th percentile of the remaining life).",
         share=chance,
     )
@@ -147,9 +141,16 @@ def _rate(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
     )
 
 
+def _ahead(life: assessment.Life, limits: StatusLimits) -> str:
+    """The horizon in words."""
+    days = f"{limits.horizon / DAY:.3g} day{'' if limits.horizon == DAY else 's'}"
+    known = isinstance(life.date, assessment.LifeDate)
+    return days if known else f"{days} of operation"
+
+
 def _until(life: assessment.Life) -> str:
     """When something must have happened: by the lower end of the remaining life, with the date where it is known."""
-    hours = f"{life.time.p05 / HOUR:.3g} h of operation"
+    hours = f"{spoken_time(life.time.p05)} of operation"
     date = life.date
     if isinstance(date, assessment.LifeDate) and date.p05_ns is not None:
         return f"before {iso_time(date.p05_ns)[:16].replace('T', ' ')} UTC, that is within {hours}"
