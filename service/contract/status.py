@@ -38,6 +38,8 @@ NORMAL_REASON = "Nothing that calls for attention was found."
 HELD: tuple[Level, ...] = ("watch", "alarm", "end_of_life")
 HYSTERESIS = LevelHysteresis()
 WAIT = "Send the first measurement window: nothing can be said of the machine before."
+WAIT_ON = "Wait until the windows that have come are assessed: nothing needs to be sent."
+MOST_BEHIND = 3  # machines that are named
 RENEW = "Send a new measurement window: it renews the figures."
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
 CHECK = "Check the data before the machine is judged"
@@ -61,12 +63,27 @@ class Status(ContractModel):
     verdict: Verdict | None = Field(default=None, description="the window that the verdict rests on")
 
 
+class Backlog(ContractModel):
+    """Windows that have come and are not assessed yet."""
+
+    windows: int
+    since: str = Field(description="when the oldest of them was complete, ISO 8601, by the service's clock")
+    behind: list[str] = Field(description="machines that are assessed before; empty where it is this machine's turn")
+
+    def sentence(self) -> str:
+        """How many wait, since when and behind which machines."""
+        behind = f", behind {', '.join(self.behind[:MOST_BEHIND])}" if self.behind else ""
+        wait = "windows wait" if self.windows > 1 else "window waits"
+        return f"{self.windows} {wait} to be assessed since {self.since[11:19]} UTC{behind}"
+
+
 class DataStatus(ContractModel):
     """Whether usable data come; says nothing of the machine's health."""
 
     level: DataLevel
     reason: str
     since: str | None = Field(default=None, description="when it became degraded or stale, ISO 8601")
+    waiting: Backlog | None = Field(default=None, description="absent while no window waits to be assessed")
 
 
 class Unstored(ContractModel):
@@ -187,9 +204,9 @@ def without_verdict(reason: str, action: str) -> dict[str, Any]:
     return made_of(Basis(findings=(finding,))).as_json()
 
 
-def none_yet(reason: str) -> dict[str, Any]:
-    """The status of an asset before its first assessment."""
-    return without_verdict(reason, WAIT)
+def none_yet(reason: str, backlog: Backlog | None = None) -> dict[str, Any]:
+    """The status of an asset before its first assessment; `backlog` waits for it."""
+    return without_verdict(reason, WAIT) if backlog is None else without_verdict(backlog.sentence(), WAIT_ON)
 
 
 def with_status_since(
@@ -221,14 +238,27 @@ def with_status_since(
 
 
 def data_of(
-    records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None = None, waiting: str = "no window yet"
+    records: Sequence[Mapping[str, Any]],
+    stale: tuple[str, str] | None = None,
+    waiting: str = "no window yet",
+    backlog: Backlog | None = None,
 ) -> DataStatus:
     """Whether usable data come.
 
     records  the latest windows, oldest first
     stale    why no whole window has come for longer than the service allows, and since when; None where one has
     waiting  what is said before the first window
+    backlog  the windows that wait to be assessed; None where none does
     """
+    found = _data_of(records, stale, waiting)
+    if backlog is None:
+        return found
+    reason = f"{found.reason}; {backlog.sentence()}" if records else backlog.sentence()
+    return found.model_copy(update={"reason": reason, "waiting": backlog})
+
+
+def _data_of(records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None, waiting: str) -> DataStatus:
+    """The same without what waits."""
     if stale is not None:
         return DataStatus(level="stale", reason=stale[0], since=stale[1])
     if not records:
