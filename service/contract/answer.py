@@ -16,7 +16,17 @@ from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
 from service.contract.question import Question, Retired, asked, shown_question
 from service.contract.rig import RigSummary
-from service.contract.status import Added, Backlog, DataStatus, Status, Unstored, data_of, none_yet, shown
+from service.contract.status import (
+    Added,
+    Backlog,
+    DataStatus,
+    Status,
+    Unstored,
+    data_of,
+    none_yet,
+    of_wear_alone,
+    shown,
+)
 from service.contract.wear import Rul, Wear, part_of
 from service.contract.window import WindowRecord
 
@@ -138,6 +148,8 @@ def assemble(
     parts = {**blank, **(report or {})}
     parts.pop("status", None)
     status, data = health_of(report, windows, stale, (*added, *asked(question)), backlog)
+    if "hours" in parts["rul"] and of_wear_alone(status):
+        parts["rul"] = {**parts["rul"], "of_wear_alone": True}
     return {
         "schema_version": SCHEMA_VERSION,
         "asset": asset,

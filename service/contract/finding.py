@@ -43,3 +43,18 @@ def cause(reason: str) -> str:
 def sentence(text: str) -> str:
     """A text that ends as a sentence does."""
     return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
+MOST_WORDS = 25  # of a state's summary
+
+
+def shortened(text: str, most: int = MOST_WORDS) -> str:
+    """A sentence of at most so many words: the text up to the last of its clauses that ends within them."""
+    words = text.split()
+    if len(words) <= most:
+        return text
+    kept = words[:most]
+    ends = [i for i, word in enumerate(kept, 1) if word.endswith((".", ";", ":", ","))]
+    if ends and ends[-1] >= most // 3:
+        return sentence(" ".join(kept[: ends[-1]]).rstrip(".;:,"))
+    return f"{' '.join(kept[:-1])} …"

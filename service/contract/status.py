@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field
 
 from service.contract.base import ContractModel, iso_time
-from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, sentence
+from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, sentence, shortened
 from service.contract.verdict import SUBJECT, Verdict
 from twin.attention import STATUS_LIMITS, StatusLimits
 from twin.held_level import HeldLevel, LevelHysteresis
@@ -56,6 +56,7 @@ class Status(ContractModel):
     """What a person should know first."""
 
     level: Level
+    summary: str = Field(default="", description="the state in at most 25 words")
     reasons: list[str] = Field(description="one sentence each, most important first")
     action: str = Field(default=NO_ACTION, description="what to do: one sentence in the imperative")
     findings: list[Finding] = Field(default=[], description="what the level is made of, most severe first")
@@ -116,10 +117,13 @@ def made_of(basis: Basis) -> Status:
     reasons = [f.reason for f in ordered]
     if not ordered or ordered[0].level == "normal":
         reasons.insert(0, basis.normal)
+    level, summary = (ordered[0].level if ordered else "normal"), reasons[0]
     if old is None and basis.verdict is not None and basis.verdict.not_assessed and basis.verdict.window is not None:
         reasons.insert(1, basis.verdict.sentence())
+        summary = basis.verdict.summary() if level == "normal" else summary
     status = Status(
-        level=ordered[0].level if ordered else "normal",
+        level=level,
+        summary=shortened(summary),
         reasons=list(dict.fromkeys(reasons)),
         action=ordered[0].action if ordered else NO_ACTION,
         findings=ordered,
@@ -287,6 +291,15 @@ def shown(
     """
     bad = [_data_finding(data)] if data.level in ("degraded", "stale") else []
     return _with(status, [*bad, *added], records)
+
+
+def of_wear_alone(status: Mapping[str, Any]) -> bool:
+    """Whether something is found beside which a remaining life, which counts wear alone, must not calm."""
+    found = [(f["subject"].partition("/")[0], SEVERITY.index(f["level"])) for f in status.get("findings") or ()]
+    return any(
+        subject == "unexplained" or (subject in ("effect", "level") and rank >= SEVERITY.index("alarm"))
+        for subject, rank in found
+    )
 
 
 def not_stored(unstored: tuple[str, str] | None) -> tuple[Added, ...]:

@@ -73,6 +73,18 @@ class Verdict(ContractModel):
             return None
         return Finding(subject=SUBJECT, level="no_verdict", reason=self.sentence(), action=ACTION)
 
+    @property
+    def _moment(self) -> str:
+        return f"{(self.start_time or '')[:16].replace('T', ' ')} UTC"
+
+    def summary(self) -> str:
+        """In a few words, as of when a state is that has not been assessed since."""
+        many = self.not_assessed > 1
+        which = f"the latest {self.not_assessed} windows were" if many else "the latest window was"
+        return (
+            f"As of {(self.start_time or '')[:16].replace('T', ' ')} UTC, window {self.window}; {which} not assessed."
+        )
+
     def sentence(self) -> str:
         """Which windows were not assessed and why, and which window the verdict rests on; empty where all were."""
         if not self.not_assessed or self.window is None:
@@ -80,9 +92,8 @@ class Verdict(ContractModel):
         many = self.not_assessed > 1
         which = f"The latest {self.not_assessed} windows were" if many else "The latest window was"
         span = f" ({spoken_time(self.age_s)} earlier)" if self.age_s else ""
-        moment = (self.start_time or "")[:16].replace("T", " ")
         why = f": {cause(self.reason).removesuffix('.')}" if self.reason else ""
-        return sentence(f"{which} not assessed{why}; the verdict is of window {self.window}, {moment} UTC{span}")
+        return sentence(f"{which} not assessed{why}; the verdict is of window {self.window}, {self._moment}{span}")
 
 
 def seconds_between(first: str, second: str | None) -> float | None:

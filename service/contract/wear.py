@@ -262,6 +262,9 @@ class Rul(ContractModel):
     distribution: LifeDistribution | None = Field(default=None, description="the life as a distribution")
     date: LifeDate | NotAvailable | None = Field(default=None, description="when it ends")
     preliminary: Preliminary | None = Field(default=None, description="null where the life is established")
+    of_wear_alone: bool | None = Field(
+        default=None, description="true where damage of another kind is found, which the life does not count"
+    )
 
     @classmethod
     def of(cls, life: assessment.Life) -> Rul:

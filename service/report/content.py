@@ -155,10 +155,13 @@ def _life(answer: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     if not available(rul):
         return []
     hours, turns = rul["hours"], rul["revolutions"]
+    name = "Remaining life, of wear alone" if rul.get("of_wear_alone") else "Remaining life"
     if hours.get("median") is None:
-        return [("Remaining life", f"at least {number(hours['p05'])} h", _sentence(rul.get("reason") or ""))]
+        return [(name, f"at least {number(hours['p05'])} h", _sentence(rul.get("reason") or ""))]
     detail = f"{_preliminary(rul)}{_band(hours, 'h')}; {number(turns['median'])} revolutions of the pinion{_date(rul)}"
-    return [("Remaining life", f"{number(hours['median'])} h", detail)]
+    if rul.get("of_wear_alone"):
+        detail += "; the damage found is not counted in"
+    return [(name, f"{number(hours['median'])} h", detail)]
 
 
 def _date(rul: Mapping[str, Any]) -> str:

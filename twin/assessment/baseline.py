@@ -51,6 +51,8 @@ class BaselineAssessment:
     channels: tuple[str, ...]
     window: BaselineWindow | None = None
     sufficiency: BaselineSufficiency | None = None
+    days: int = 0  # on which the windows were recorded
+    loads: int = 0  # operating conditions at which they were
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,15 +32,17 @@ from twin.baseline.diagnosis import Diagnosis, WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named
-from twin.baseline.reading import TURNS_PER_PERIOD, angle_of, read
+from twin.baseline.reading import TURNS_PER_PERIOD, WindowReading, angle_of, read
 from twin.baseline.shaft_names import shaft_name
 from twin.baseline.spacing import Spacing, SpacingsFound, unattributed_spacings
 from twin.baseline.sufficiency import sufficiency_of
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
+from twin.learned_limits import OperatingPoint
 from twin.rig import Rig
 from twin.windows import Window
 
+DAY_NS = 86_400 * 10**9
 NO_DEPTH = "the rig file gives no model of the machine: a healthy baseline shows changes, not the depth of wear"
 
 
@@ -162,7 +164,19 @@ def described(baseline: Baseline, window: BaselineWindow | None = None) -> Basel
         channels=tuple(sorted(baseline.std)),
         window=window,
         sufficiency=sufficiency_of(baseline),
+        days=len({r.start_time_ns // DAY_NS for r in baseline.readings}),
+        loads=loads_of(baseline.readings),
     )
+
+
+def loads_of(readings: Sequence[WindowReading]) -> int:
+    """At how many operating conditions windows were recorded."""
+    found: list[OperatingPoint] = []
+    for reading in readings:
+        point = OperatingPoint(speed=reading.speed_hz, torque=reading.torque_nm)
+        if not any(point.matches(known) for known in found):
+            found.append(point)
+    return len(found)
 
 
 def unattributed_lines(
