@@ -12,6 +12,7 @@ from service.cli.diagnosis import verdict
 from service.cli.encoder_pair import sentences
 from service.cli.indicators import indicator_lines
 from service.cli.show import number, reason, spread
+from service.contract.base import spoken_time
 
 PIPED = 170  # columns where the output is no terminal
 MOST_NOTES = 6
@@ -92,6 +93,10 @@ def status_lines(status: Any, data: Any = None) -> list[str]:
     if status.get("action"):
         lines.append(f"Action: {status['action']}")
     lines += [f"  {reason}" for reason in reasons if reason != first]
+    verdict = status.get("verdict") or {}
+    if verdict.get("window") is not None:
+        age = f", {spoken_time(verdict['age_s'])} before the latest window" if verdict.get("age_s") else ""
+        lines.append(f"  of window {verdict['window']}, {verdict['start_time'][:16].replace('T', ' ')} UTC{age}")
     if isinstance(data, Mapping) and data.get("level"):
         lines.append(f"Data: {data['level']}; {data.get('reason')}")
     return lines

@@ -58,7 +58,7 @@ def report_of(
     return Report(
         asset=answer["asset"],
         made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC"),
-        latest=_moment(records[-1].get("start_time")) if records else "no measurement yet",
+        latest=_latest(status, records),
         level=status.get("level") or "no_verdict",
         action=status.get("action") or "",
         reasons=tuple((status.get("reasons") or ())[:MOST_REASONS]),
@@ -81,6 +81,14 @@ def report_of(
         limit_um=_limit(answer, machine),
         life_revolutions=life,
     )
+
+
+def _latest(status: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> str:
+    """When the window began that the state rests on; of a state that names none, the latest."""
+    if not records:
+        return "no measurement yet"
+    start = (status.get("verdict") or {}).get("start_time")
+    return _moment(start or records[-1].get("start_time"))
 
 
 def _again(answer: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
