@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # a start of the service loads no part of the twin that compu
     from twin.assessment import VerdictWindow
 
 SUBJECT = "verdict"
-ACTION = "Record a window under the load, direction and steady speed of the assessed ones; until then judge by eye."
+ACTION = "Record a window under the load, direction and steady speed of those that were assessed."
 
 
 class Verdict(ContractModel):
