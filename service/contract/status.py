@@ -161,13 +161,14 @@ def status_after(
     basis = basis_of(found, limits)
     top = next(iter(_ordered(basis.findings)), None)
     rank, was = SEVERITY.index("normal" if top is None else top.level), SEVERITY.index(held.level)  # type: ignore[arg-type]
-    window, verdict = found.window, found.verdict
-    if rank >= was or window is None:
-        return made_of(basis), level_held(top, 0 if window is None else window.start_time_ns)
+    verdict = found.verdict
+    at = 0 if verdict is None else verdict.latest_ns
+    if rank >= was or found.window is None:
+        return made_of(basis), level_held(top, at)
     counts = verdict is None or verdict.index is None or not verdict.since
     held = replace(held, lower=held.lower + counts)
     if held.lower >= HYSTERESIS.windows:
-        return made_of(basis), level_held(top, window.start_time_ns)
+        return made_of(basis), level_held(top, at)
     kept = tuple(f for f in basis.findings if f.subject != held.subject)
     return made_of(replace(basis, findings=(_still(held), *kept))), held
 
