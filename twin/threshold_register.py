@@ -124,7 +124,7 @@ from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
-from twin.verdict_window import VerdictAge
+from twin.verdict_age import VerdictAge
 from twin.what_if import DutyLimits
 
 SETS: tuple[type, ...] = (

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from service.contract.base import ContractModel, iso_time, spoken_time
 from service.contract.finding import Finding, cause, sentence
-from twin.verdict_window import NS, outdated
+from twin.verdict_age import NS, outdated
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin.assessment import VerdictWindow
