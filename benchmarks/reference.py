@@ -53,6 +53,7 @@ MEANINGS = {
     "wear.law": "wear law, one of twin/wear/laws; archard where not stated",
     "end_of_life.criterion": "what ends the life",
     "end_of_life.max_depth": "largest wear depth of both flanks together",
+    "end_of_life.horizon_days": "how far ahead the end of life is looked for; 30 where it is left out",
     "description": "for people; not used",
     "gears.module": "m",
     "gears.pressure_angle_deg": "α",

@@ -85,7 +85,8 @@ class Result:
         """The state and the figures that matter, for a notebook."""
         status = self.json.get("status") or {}
         rows = [("status", " ".join([str(status.get("level")), *(status.get("reasons") or ())]))]
-        for name, unit, band in (("wear depth", "µm", self.depth_um), ("remaining life", "h", self.life_hours)):
+        life = "remaining life, of wear alone" if self.json["rul"].get("of_wear_alone") else "remaining life"
+        for name, unit, band in (("wear depth", "µm", self.depth_um), (life, "h", self.life_hours)):
             if band is not None and band.median is not None:
                 rows.append((name, f"{band.median:.3g} {unit} (5–95 %: {band.p05:.3g} to {band.p95:.3g} {unit})"))
             else:

@@ -23,7 +23,7 @@ from service.configuration.plant import Log, Monitoring, Mqtt, OpcUa, Raw
 from service.configuration.sources import CONFIG, Environment, FileSource
 from service.configuration.tables import Table
 from service.transport.zenoh_links import ZenohLinks
-from twin.attention import StatusLimits
+from twin.attention import STATUS_LIMITS, StatusLimits
 
 _HOST_PORT = r"^(\[[0-9A-Fa-f:.]+\]|[^:\s]+):\d{1,5}$"
 HOUR = 3600.0  # [s]
@@ -111,11 +111,11 @@ class Twin(Table):
     )
 
     life_horizon_hours: float = Field(
-        default=0.0,
+        default=STATUS_LIMITS.horizon / HOUR,
         ge=0,
         le=1e6,
-        description="how far ahead the status looks for the end of life [h of operation], where that is more than "
-        "a tenth of the revolutions so far",
+        description="how far ahead the status looks for the end of life [h], 0: not at all; by the calendar where the "
+        "running time per day is known, else of operation; a rig file may state its own, `end_of_life.horizon_days`",
     )
 
 
@@ -456,7 +456,7 @@ class Settings(
     @property
     def status_limits(self) -> StatusLimits:
         """When a depth or a life calls for attention."""
-        return StatusLimits(horizon_time=self.life_horizon_hours * HOUR)
+        return StatusLimits(horizon=self.life_horizon_hours * HOUR)
 
     @property
     def http_host(self) -> str:

@@ -10,7 +10,7 @@ Holds    a remaining life that is log-normal, as updating/remaining_life.py give
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import erf, log, sqrt
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,10 @@ from twin.quantiles import Z95
 from twin.thresholds import deciding
 
 if TYPE_CHECKING:  # limits are settings of programs that compute nothing
-    from twin.assessment import Interval
+    from twin.assessment import Interval, Life
+    from twin.rig import Rig
+
+DAY = 86_400.0  # [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,16 +29,12 @@ class StatusLimits:
     """When a wear depth or a remaining life calls for attention."""
 
     horizon: float = deciding(
-        0.1,
-        of="revolutions run so far",
-        meaning="how far ahead the end of life is looked for",
-        source="not derived: chosen so that a tenth of the life so far is left to plan a repair",
-    )
-    horizon_time: float = deciding(
-        0.0,
+        30 * DAY,
         unit="s",
-        meaning="the same as a time of operation; the wider of the two counts",
-        source="not derived: a setting of the user (GEAR_TWIN_LIFE_HORIZON_HOURS); 0 leaves the share of revolutions",
+        meaning="how far ahead the end of life is looked for: calendar time, of running without a break where the "
+        "running time per day is not known",
+        source="not derived: chosen so that a month is left to plan a repair; the rig file's end_of_life.horizon_days "
+        "and the setting GEAR_TWIN_LIFE_HORIZON_HOURS state another",
     )
     depth_share: float = deciding(
         0.8,
@@ -54,30 +53,21 @@ class StatusLimits:
         source="derivation: the median of the remaining life lies within the horizon",
     )
 
+    def of_rig(self, rig: Rig) -> StatusLimits:
+        """These limits, with the horizon that the rig file states."""
+        days = rig.get("end_of_life.horizon_days")
+        return self if days is None else replace(self, horizon=days * DAY)
+
 
 STATUS_LIMITS = StatusLimits()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Horizon:
-    """How far ahead the end of life is looked for."""
+def revolutions_ahead(life: Life, limits: StatusLimits = STATUS_LIMITS) -> float:
+    """Revolutions of the pinion within the horizon, at the speed of the life.
 
-    revolutions: float  # of the pinion
-    time: float  # the same at the present speed [s]
-    stated: bool  # whether the stated time is the wider; else the share of the revolutions run so far
-
-
-def horizon_of(run: float | None, speed: float, limits: StatusLimits = STATUS_LIMITS) -> Horizon | None:
-    """The wider of the share of the revolutions run so far and of the stated time; None where neither is known.
-
-    run    pinion revolutions so far; None where they are not known
-    speed  of the pinion at the present condition [Hz]
+    The share of the time that the machine runs is the stated or the observed one; 1 where neither is known.
     """
-    shared, stated = limits.horizon * (run or 0.0), limits.horizon_time * speed
-    ahead = max(shared, stated)
-    if ahead <= 0 or speed <= 0:
-        return None
-    return Horizon(revolutions=ahead, time=ahead / speed, stated=stated > shared)
+    return limits.horizon * getattr(life.date, "running_share", 1.0) * life.speed
 
 
 def probability_within(life: Interval, ahead: float) -> float:

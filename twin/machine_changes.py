@@ -14,6 +14,7 @@
 | effects | ended where they say so (`Facts.ended_by`) | same | same | same | same |
 | windows that the search for effects compares | those since | those since | all | those since | those since |
 | levels by operating condition | anew | anew, of that sensor | kept | kept | anew |
+| vibration levels of the first windows | anew | anew, of that sensor | kept | kept | anew |
 | records of NA4 | anew | anew, of that sensor | kept | kept | anew |
 | healthy baseline | not comparable | that sensor is not | kept | kept | not comparable |
 | windows with an established depth | anew | kept | kept | kept | anew |
@@ -62,7 +63,7 @@ def changed(rig: Rig, state: State, change: MachineChange, options: Options | No
         state = replace(state, count=count, counted=0.0 if change.kind == "gears_replaced" else state.counted)
         state = replace(state, fallen=None)
     if change.kind in ("gears_replaced", "reassembled"):
-        state = replace(state, history=History())
+        state = replace(state, history=History(), rhythm=state.rhythm.begun_anew(), learned_levels=())
     return replace(state, outdated={**state.outdated, **_outdated(change, options.baseline)})
 
 
@@ -112,7 +113,7 @@ def _without_path(rig: Rig, state: State, sensor: str) -> State:
     if sensor != rig.accelerometer:
         return state
     tracing = _since_now(state.tracing, lambda m: _at_new_place(segment_begun(rig, m)))
-    return replace(state, recent=(), levels={}, tracing=_without(tracing, "sensor_moved"))
+    return replace(state, recent=(), levels={}, learned_levels=(), tracing=_without(tracing, "sensor_moved"))
 
 
 def _at_new_place(memory: Memory) -> Memory:

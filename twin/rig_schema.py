@@ -297,6 +297,7 @@ SCHEMA: dict[str, Any] = {
     "end_of_life": {
         "criterion": _Text(("max_depth",)),
         "max_depth": _Number("m", 0, 0.1, "micrometres?"),
+        "horizon_days": _Number("d", 0, 36_500, "hours?"),
     },
     "encoders": {
         "pinion_edges_per_rev": _Number("", 0, 1e7, integer=True),

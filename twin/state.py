@@ -28,6 +28,8 @@ from twin.assessment import (
 from twin.errors import ParameterError
 from twin.established import History
 from twin.features.indicator_record import Records
+from twin.held_level import HeldLevel
+from twin.level_record import Levels
 from twin.revolution_count import CountOffset
 from twin.serial import from_plain, to_plain
 from twin.state_v1 import migrated_state
@@ -36,6 +38,7 @@ from twin.updating.inspections import Inspection
 from twin.updating.memory import Memory
 from twin.updating.residual import WindowResidual
 from twin.updating.running_time import Marks
+from twin.verdict_window import Rhythm
 
 SCHEMA_VERSION = 2
 
@@ -91,6 +94,9 @@ class State:
     counted: float = 0.0  # revolutions of the present gears by the latest window
     outdated: Mapping[str, str] = field(default_factory=dict)  # baselines that no longer hold (machine_changes.py)
     history: History = field(default_factory=History)  # windows of these gears with an established depth
+    rhythm: Rhythm = field(default_factory=Rhythm)  # which windows were assessed
+    learned_levels: Levels = ()  # vibration levels of the first windows, by operating condition
+    held: HeldLevel = field(default_factory=HeldLevel)  # level of the status
 
     @property
     def memory(self) -> Memory:
@@ -114,6 +120,9 @@ class State:
             "counted": self.counted,
             "outdated": dict(self.outdated),
             "history": to_plain(self.history),
+            "rhythm": to_plain(self.rhythm),
+            "learned_levels": to_plain(self.learned_levels),
+            "held": to_plain(self.held),
         }
 
     @classmethod
@@ -143,6 +152,9 @@ class State:
             counted=data.get("counted", 0.0),
             outdated=dict(data.get("outdated", {})),
             history=from_plain(History, data.get("history", {})),
+            rhythm=from_plain(Rhythm, data.get("rhythm", {})),
+            learned_levels=from_plain(Levels, data.get("learned_levels", ())),
+            held=from_plain(HeldLevel, data.get("held", {})),
         )
 
 

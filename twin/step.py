@@ -79,9 +79,15 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
     for capability in CAPABILITIES:
         if capability.applies(context, draft):
             draft = capability.assess(context, draft)
+    record = draft.record
+    missing = None if draft.judged else (*record.notes, "it was not assessed")[0]
+    rhythm = state.rhythm.with_window(record.index, record.start_time_ns, missing)
     restarted = () if context.restarted is None else (context.restarted,)
-    events = (WindowEvent(window=draft.record), *restarted, *draft.assessment.events)
-    return replace(draft.state, windows_seen=state.windows_seen + 1), replace(draft.assessment, events=events)
+    events = (WindowEvent(window=record), *restarted, *draft.assessment.events)
+    return (
+        replace(draft.state, windows_seen=state.windows_seen + 1, rhythm=rhythm),
+        replace(draft.assessment, events=events, verdict=rhythm.verdict_window()),
+    )
 
 
 def _context(rig: Rig, state: State, window: Window, options: Options) -> Context:

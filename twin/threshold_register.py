@@ -55,11 +55,13 @@ from twin.features.off_orders import OffOrderThresholds
 from twin.features.plausible import OperatingThresholds as PlausibleOperatingThresholds
 from twin.features.pulses import PulseThresholds
 from twin.gear_age import Newness
+from twin.held_level import LevelHysteresis
 from twin.inspected import InspectionLimits
 from twin.instruments.bursts import BurstThresholds
 from twin.instruments.delays import DelayThresholds
 from twin.instruments.seen import MeshPhaseThresholds
 from twin.learned_limits import LearnedLimits
+from twin.level_record import LevelAlarm
 from twin.levels.relation import RelationLimits
 from twin.levels.trials import TrialLimits
 from twin.levels.wear_by_level import LevelLimits
@@ -124,18 +126,23 @@ from twin.updating.life import LifeSpread
 from twin.updating.measurement import DepthScatter
 from twin.updating.model_cache import CurveDepths
 from twin.updating.prediction import LearnedFactors
+from twin.updating.rate_change import RateChangeLimits
 from twin.updating.rate_histories import RateHistories
 from twin.updating.remaining_life import LifeScatter
 from twin.updating.running_time import RunningLimits
 from twin.updating.segments import SegmentLimits
 from twin.updating.tracker import RateDrift
 from twin.updating.update import CalibrationWindows
+from twin.verdict_age import VerdictAge
 from twin.what_if import DutyLimits
 
 SETS: tuple[type, ...] = (
     StatusLimits,
+    VerdictAge,
+    LevelHysteresis,
     DutyLimits,
     LearnedLimits,
+    LevelAlarm,
     CauseThresholds,
     DiagnosisThresholds,
     EnergyThresholds,
@@ -258,6 +265,7 @@ SETS: tuple[type, ...] = (
     RunningLimits,
     SegmentLimits,
     RateDrift,
+    RateChangeLimits,
     RateHistories,
     CalibrationWindows,
 )

@@ -23,6 +23,7 @@ class Quantity:
 CRITERION: tuple[Basis, ...] = ("criterion",)
 LEARNED: tuple[Basis, ...] = ("learned", "fixed")
 INSPECT = "Compare the spectra of {place} with earlier ones, and check the mount of the sensor"
+INSPECT_GEAR = "Look for a damaged tooth, run-out or a bent shaft: compare the spectra of {place} with earlier ones"
 
 QUANTITIES = {
     "depth": Quantity(
@@ -40,6 +41,9 @@ QUANTITIES = {
     ),
     "effect": Quantity(label="Effect", bases=CRITERION, places="effect"),
     "unexplained": Quantity(label="Unknown effect", bases=CRITERION),
+    "modulation": Quantity(label="Modulation of the mesh", bases=CRITERION, places="shaft/times per turn"),
+    "wear_rate": Quantity(label="Wear rate", bases=CRITERION),
+    "level": Quantity(label="Vibration level", bases=CRITERION, places="sensor"),
     "validity": Quantity(label="Validity of the model", bases=CRITERION),
     "encoder_ratio": Quantity(label="Ratio of the encoders", bases=CRITERION),
     "status": Quantity(label="Status", bases=CRITERION),
@@ -47,12 +51,12 @@ QUANTITIES = {
     "rms": Quantity(label="Vibration level", unit="m/s²", bases=LEARNED, places="sensor", action=INSPECT),
     "kurtosis": Quantity(label="Kurtosis", bases=LEARNED, places="sensor", action=INSPECT),
     "crest_factor": Quantity(label="Crest factor", bases=LEARNED, places="sensor", action=INSPECT),
-    "fm0": Quantity(label="FM0", bases=LEARNED, places="sensor/gear", action=INSPECT),
-    "fm4": Quantity(label="FM4", bases=LEARNED, places="sensor/gear", action=INSPECT),
-    "na4": Quantity(label="NA4", bases=LEARNED, places="sensor/gear", action=INSPECT),
-    "energy_ratio": Quantity(label="Energy ratio", bases=LEARNED, places="sensor/gear", action=INSPECT),
+    "fm0": Quantity(label="FM0", bases=LEARNED, places="sensor/gear", action=INSPECT_GEAR),
+    "fm4": Quantity(label="FM4", bases=LEARNED, places="sensor/gear", action=INSPECT_GEAR),
+    "na4": Quantity(label="NA4", bases=LEARNED, places="sensor/gear", action=INSPECT_GEAR),
+    "energy_ratio": Quantity(label="Energy ratio", bases=LEARNED, places="sensor/gear", action=INSPECT_GEAR),
     "sideband_level_factor": Quantity(
-        label="Sideband level factor", bases=LEARNED, places="sensor/gear", action=INSPECT
+        label="Sideband level factor", bases=LEARNED, places="sensor/gear", action=INSPECT_GEAR
     ),
     "temperature": Quantity(
         label="Temperature",

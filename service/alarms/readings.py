@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from service.alarms.rules import BY_STATUS
 from service.contract.finding import SEVERITY, sentence
 from service.contract.trend import is_available
 from twin.learned_limits import OperatingPoint
 
 UNUSABLE = ("degraded", "refused")
-JUDGED = ("depth", "life", "effect", "unexplained", "validity", "encoder_ratio", "status")  # by every status
+JUDGED = (*BY_STATUS, "validity", "status")  # by every status
 OF_GEARS = ("fm0", "fm4", "na4", "energy_ratio", "sideband_level_factor")
 OF_SENSORS = ("rms", "kurtosis", "crest_factor")
 

@@ -121,11 +121,12 @@ class RuleFile(BaseModel):
 
 
 INDICATORS = ("rms", "kurtosis", "fm0", "fm4", "sideband_level_factor")
+BY_STATUS = ("depth", "life", "wear_rate", "effect", "level", "modulation", "unexplained", "encoder_ratio")
 DURATION = 3  # windows in a row for learned limits
 DATA_DURATION = 2  # windows in a row without usable data
 
 DEFAULT_RULES: tuple[Rule, ...] = (
-    *(Rule(name=name, quantity=name) for name in ("depth", "life", "effect", "unexplained", "encoder_ratio")),
+    *(Rule(name=name, quantity=name) for name in BY_STATUS),
     Rule(name="data", quantity="data", windows=DATA_DURATION),
     *(Rule(name=name, quantity=name, windows=DURATION, without_depth=True) for name in INDICATORS),
 )

@@ -93,6 +93,7 @@ class AssetSummary(AnswerModel):
     depth_um: Band | None = Field(description="largest combined wear depth [µm]; null where it is not available")
     limit_um: float | None = Field(description="depth at the end of life [µm]; null where no criterion is known")
     life_hours: Band | None = Field(description="remaining life at the present operating condition [h]")
+    life_of_wear_alone: bool = Field(False, description="whether damage is found that the life does not count")
     preliminary: bool = Field(description="whether depth or life is preliminary")
     sparkline: Sparkline | None = Field(description="course of depth or level; null before the first window")
     retired: bool = Field(description="out of use: no frames are expected, and those that come are left out")

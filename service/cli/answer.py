@@ -12,6 +12,7 @@ from service.cli.diagnosis import verdict
 from service.cli.encoder_pair import sentences
 from service.cli.indicators import indicator_lines
 from service.cli.show import number, reason, spread
+from service.contract.base import spoken_time
 
 PIPED = 170  # columns where the output is no terminal
 MOST_NOTES = 6
@@ -87,9 +88,16 @@ def status_lines(status: Any, data: Any = None) -> list[str]:
     """The machine's health with its reasons, what to do, and apart from it whether the data are usable."""
     if not isinstance(status, Mapping) or not status.get("level"):
         return []
-    lines = [" ".join([f"Status: {status['level'].replace('_', ' ')}.", *(status.get("reasons") or ())])]
+    reasons = list(status.get("reasons") or ())
+    first = status.get("summary") or " ".join(reasons[:1])
+    lines = [f"Status: {status['level'].replace('_', ' ')}. {first}".rstrip()]
     if status.get("action"):
         lines.append(f"Action: {status['action']}")
+    lines += [f"  {reason}" for reason in reasons if reason != first]
+    verdict = status.get("verdict") or {}
+    if verdict.get("window") is not None:
+        age = f", {spoken_time(verdict['age_s'])} before the latest window" if verdict.get("age_s") else ""
+        lines.append(f"  of window {verdict['window']}, {verdict['start_time'][:16].replace('T', ' ')} UTC{age}")
     if isinstance(data, Mapping) and data.get("level"):
         lines.append(f"Data: {data['level']}; {data.get('reason')}")
     return lines
@@ -159,13 +167,19 @@ def _life(answer: Mapping[str, Any]) -> list[str]:
     return [*_life_itself(life, wear), *_preliminary(life.get("preliminary"), wear.get("preliminary"))]
 
 
+def _life_name(life: Mapping[str, Any]) -> str:
+    return "Remaining life of wear alone, without the damage found" if life.get("of_wear_alone") else "Remaining life"
+
+
 def _life_itself(life: Mapping[str, Any], wear: Mapping[str, Any]) -> list[str]:
     if isinstance(life.get("hours"), Mapping) and life["hours"].get("median") is None and life.get("reason"):
         hours, revolutions = (number((life.get(key) or {}).get("p05")) for key in ("hours", "revolutions"))
-        return [f"Remaining life: at least {hours} h, {revolutions} revolutions (95 % confidence); {life['reason']}"]
+        return [
+            f"{_life_name(life)}: at least {hours} h, {revolutions} revolutions (95 % confidence); {life['reason']}"
+        ]
     if isinstance(life.get("hours"), Mapping):
         revolutions = spread(life.get("revolutions"), "revolutions")
-        return [f"Remaining life: {spread(life['hours'], 'h')}; {revolutions}"]
+        return [f"{_life_name(life)}: {spread(life['hours'], 'h')}; {revolutions}"]
     if life.get("reason") and life.get("reason") == wear.get("reason"):
         return ["Remaining life: not available, for the same reason"]
     return [f"Remaining life: {reason(life)}"]

@@ -125,7 +125,8 @@ def _together(answer: Mapping[str, Any]) -> str:
     line = f"Wear depth with all effects: {spread(depth, 'µm')}"
     if alone is not None:
         line += f"; with wear alone {alone:.1f} µm"
-    return f"{line}. Remaining life: {spread(life, 'revolutions')}."
+    alone_too = " of wear alone" if answer["rul"].get("of_wear_alone") else ""
+    return f"{line}. Remaining life{alone_too}: {spread(life, 'revolutions')}."
 
 
 def sentence(effect: Mapping[str, Any]) -> str:

@@ -56,7 +56,7 @@ def spread(value: Any, unit: str) -> str:
 def reason(value: Any) -> str:
     """Why a quantity is not there."""
     if isinstance(value, Mapping) and value.get("reason"):
-        from service.contract.findings import cause
+        from service.contract.finding import cause
 
         return f"not available: {cause(value['reason'])}"
     return "not available"

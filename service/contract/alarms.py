@@ -14,7 +14,10 @@ from service.contract.status import Added
 State = Literal["active_unacknowledged", "active_acknowledged", "returned_unacknowledged", "closed"]
 STATES: tuple[State, ...] = ("active_unacknowledged", "active_acknowledged", "returned_unacknowledged", "closed")
 LEVELS = ("watch", "alarm")
-OF_THE_STATUS = ("depth", "life", "effect", "unexplained", "validity", "encoder_ratio", "status", "data")
+OF_THE_STATUS = (
+    "depth", "life", "wear_rate", "effect", "level", "modulation", "unexplained", "validity", "encoder_ratio", "status",
+    "data",
+)  # fmt: skip
 """Quantities whose alarms rest on findings that are in the status already."""
 
 

@@ -17,7 +17,17 @@ from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
 from service.contract.question import Question, Retired, asked, shown_question
 from service.contract.rig import RigSummary
-from service.contract.status import Added, DataStatus, Status, Unstored, data_of, none_yet, shown
+from service.contract.status import (
+    Added,
+    Backlog,
+    DataStatus,
+    Status,
+    Unstored,
+    data_of,
+    none_yet,
+    of_wear_alone,
+    shown,
+)
 from service.contract.wear import Rul, Wear, part_of
 from service.contract.window import WindowRecord
 
@@ -42,6 +52,9 @@ class Asset(ContractModel):
     epoch: int = Field(default=0, description="number of the present gears: from 0, up by one when they are replaced")
     retired: Retired | None = Field(default=None, description="null while the asset is in use")
     storage: Unstored | None = Field(default=None, description="null while results can be stored")
+    last_seen: str | None = Field(
+        default=None, description="when the newest frame or window came, ISO 8601, by the service's clock"
+    )
     windows: list[WindowRecord] = Field(description="the service carries the latest 100; `assess` all of them")
     windows_total: int
     wear: Wear | NotAvailable
@@ -103,11 +116,12 @@ def health_of(
     records: Sequence[Mapping[str, Any]],
     stale: tuple[str, str] | None = None,
     added: Sequence[Added] = (),
+    backlog: Backlog | None = None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """`status` and `data` as they are shown; the arguments are those of `assemble`."""
-    data = data_of(records, stale, NO_WHOLE_WINDOW)
-    status = (report or {}).get("status") or none_yet(NO_WINDOW)
-    return shown(status, data, added), data.as_json()
+    data = data_of(records, stale, NO_WHOLE_WINDOW, backlog)
+    status = (report or {}).get("status") or none_yet(NO_WINDOW, backlog)
+    return shown(status, data, added, records), data.as_json()
 
 
 def assemble(
@@ -121,6 +135,7 @@ def assemble(
     question: Mapping[str, Any] | None = None,
     epoch: int = 0,
     retired: Mapping[str, Any] | None = None,
+    backlog: Backlog | None = None,
 ) -> dict[str, Any]:
     """The whole answer: window records, the twin's newest report and the data quality.
 
@@ -130,6 +145,7 @@ def assemble(
     question       that people have to answer; None where none is open
     epoch          number of the present gears, from 0
     retired        since when the asset is out of use, and by whom; None while it is in use
+    backlog        the windows that wait to be assessed; None where none does
     """
     blank = {name: [] if name == "effects" else not_available(NO_WINDOW) for name in SECTIONS}
     if report is not None:
@@ -137,7 +153,9 @@ def assemble(
     windows = list(records)
     parts = {**blank, **(report or {})}
     parts.pop("status", None)
-    status, data = health_of(report, windows, stale, (*added, *asked(question)))
+    status, data = health_of(report, windows, stale, (*added, *asked(question)), backlog)
+    if "hours" in parts["rul"] and of_wear_alone(status):
+        parts["rul"] = {**parts["rul"], "of_wear_alone": True}
     return {
         "schema_version": SCHEMA_VERSION,
         "asset": asset,

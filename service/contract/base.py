@@ -93,3 +93,14 @@ def iso_time(time_ns: int) -> str:
     """Unix time [ns] as ISO 8601 in UTC, to the nanosecond."""
     seconds, rest = divmod(time_ns, 1_000_000_000)
     return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).strftime(f"%Y-%m-%dT%H:%M:%S.{rest:09d}Z")
+
+
+def spoken_time(seconds: float) -> str:
+    """A span of time [s] in the unit that people use for it: "26 min", "16 days"."""
+    for size, unit in ((2 * 365.25 * 24 * HOUR, "years"), (90 * 24 * HOUR, "months"), (72 * HOUR, "days"), (HOUR, "h")):
+        if seconds >= size:
+            return f"{seconds / _SPAN[unit]:.2g} {unit}"
+    return f"{seconds / 60:.2g} min" if seconds >= 60 else f"{seconds:.2g} s"
+
+
+_SPAN = {"years": 365.25 * 24 * HOUR, "months": 30.44 * 24 * HOUR, "days": 24 * HOUR, "h": HOUR}

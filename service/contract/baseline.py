@@ -164,6 +164,8 @@ class Baseline(ContractModel):
     operating_points: dict[str, Range]
     shafts: list[float] = Field(description="orders of the pinion")
     channels: list[str]
+    days: int | None = Field(default=None, description="on which the windows were recorded, UTC")
+    loads: int | None = Field(default=None, description="operating conditions at which they were")
     window: BaselineWindow | None = None
     sufficiency: Sufficiency | None = None
     left_out: LeftOut | None = Field(None, description="what is compared, what not, and false alarms")
@@ -190,6 +192,8 @@ class Baseline(ContractModel):
             shafts=list(baseline.shafts),
             channels=list(baseline.channels),
             not_learned=list(baseline.not_learned),
+            days=baseline.days,
+            loads=baseline.loads,
             **parts,
         )
 

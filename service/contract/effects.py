@@ -211,11 +211,6 @@ class Effect(ContractModel):
     status: Literal["found", "suspected", "accepted", "pinned", "rejected"] | None = Field(
         default=None, description="suspected: fewer than three held-out windows since its onset could test it"
     )
-    explained_percent: float | None = Field(
-        default=None,
-        description="share of the squared error on held-out windows that it takes away, of the channel that it "
-        "explains best",
-    )
     parameters: dict[str, Figure]
     evidence: Evidence
     error_before: Errors
@@ -261,8 +256,6 @@ class Effect(ContractModel):
             parts["label"] = label
         if effect.onset_std is not None:
             parts["onset_std_revolutions"] = effect.onset_std
-        if effect.explained is not None:
-            parts["explained_percent"] = in_unit(effect.explained, PERCENT)
         if effect.moved_lines:
             parts["moved_lines"] = [MovedLines.of(moved) for moved in effect.moved_lines]
         if effect.growth is not None:

@@ -8,18 +8,18 @@ The functions of `twin.step`, with what they compute as JSON data: nothing behin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import twin.step
 from service.contract.answer import report_of
 from service.contract.attribution import LogEntry
 from service.contract.base import MICROMETRE
-from service.contract.status import status_of
+from service.contract.status import Status, status_after
 from service.contract.wear import Rul
 from service.contract.window import WindowRecord
 from twin import assessment
-from twin.attention import STATUS_LIMITS, StatusLimits
+from twin.held_level import HeldLevel
 from twin.machine_change import MachineChange
 from twin.options import Options
 from twin.rig import Rig
@@ -48,13 +48,13 @@ class Estimate:
 def step(rig: Rig, state: State, window: Window, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.step` with its assessment as an estimate."""
     state, found = twin.step.step(rig, state, window, options)
-    return state, estimate_of(found, options.status_limits)
+    status, held = status_after(found, state.held, options.status_limits.of_rig(rig))
+    return replace(state, held=held), estimate_of(found, status)
 
 
 def decide(rig: Rig, state: State, decision: Decision, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.decide` with its assessment as an estimate."""
-    state, found = twin.step.decide(rig, state, decision, options)
-    return state, estimate_of(found, options.status_limits)
+    return _by_people(rig, *twin.step.decide(rig, state, decision, options), options)
 
 
 def inspect(
@@ -67,21 +67,25 @@ def inspect(
         flank=inspection["flank"],
         std=inspection["std_um"] * MICROMETRE,
     )
-    state, found = twin.step.inspect(rig, state, measured)
-    return state, estimate_of(found, options.status_limits)
+    return _by_people(rig, *twin.step.inspect(rig, state, measured), options)
 
 
 def change(rig: Rig, state: State, made: MachineChange, options: Options = twin.step.DEFAULT) -> tuple[State, Estimate]:
     """`twin.step.change` with its assessment as an estimate."""
-    state, found = twin.step.change(rig, state, made, options)
-    return state, estimate_of(found, options.status_limits)
+    return _by_people(rig, *twin.step.change(rig, state, made, options), options)
 
 
-def estimate_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Estimate:
-    """An assessment as strict JSON data."""
+def _by_people(rig: Rig, state: State, found: assessment.Assessment, options: Options) -> tuple[State, Estimate]:
+    """What people have decided, measured or changed: a level that was held is over."""
+    status, held = status_after(found, HeldLevel(), options.status_limits.of_rig(rig))
+    return replace(state, held=held), estimate_of(found, status)
+
+
+def estimate_of(found: assessment.Assessment, status: Status) -> Estimate:
+    """An assessment with its status as strict JSON data."""
     return Estimate(
         record={} if found.window is None else WindowRecord.of(found.window).as_json(),
-        report=report_of(found, status_of(found, limits)),
+        report=report_of(found, status),
         events=tuple(_event(event) for event in found.events),
     )
 

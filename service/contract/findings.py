@@ -6,8 +6,13 @@
 | the end of life is probable within the horizon | alarm |
 | the end of life is possible within the horizon | watch |
 | the wear depth is near its limit, or its 5–95 % band reaches it | watch |
+| the wear rate has risen by more than a factor of three | watch |
+| the wear rate has fallen by as much | said, the level stays |
 | an effect of the alarm class | alarm |
 | any other effect, or a change against a baseline | watch |
+| a vibration level beyond the alarm limit of the machine's own first windows, three windows in a row | alarm |
+| the same in the latest window | watch |
+| a modulation of the mesh that is new against a baseline | watch |
 | an effect of whatever class whose cause is preliminary (estimated structure), not accepted | watch |
 | content that no effect makes (`unknown_effect`) | watch |
 | impacts of no name, always at the same tooth of a shaft | alarm |
@@ -17,6 +22,8 @@
 | no wear depth, no baseline and no pair to judge by | no_verdict |
 | the verdict is `insufficient_data` | no_verdict |
 | depth or life are preliminary | no_verdict |
+
+Of one level, that comes first which explains most of what is measured, or lies furthest beyond its limit.
 
 A depth or life that is preliminary gives at most `watch`, and the action is then the measurement that would settle it.
 The exception is a machine whose depth earlier windows had established, and whose model has come to its end since
@@ -31,19 +38,17 @@ The exception is a machine whose depth earlier windows had established, and whos
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from service.contract.base import HOUR, MICROMETRE, PERCENT, iso_time
-from service.contract.finding import SEVERITY, Finding, Level, by_severity, sentence
+from service.contract.base import MICROMETRE, iso_time, spoken_time
+from service.contract.effect_findings import EFFECT_RULES, Rule
+from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, cause, sentence
 from service.contract.inspections import contradiction
 from twin import assessment
-from twin.attention import StatusLimits, horizon_of, probability_within
+from twin.attention import DAY, StatusLimits, probability_within, revolutions_ahead
 
-OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}
-PLURALS = ("errors", "teeth")  # at the end of a label
 INCOMPLETE = (
     "Complete the rig file (`gear-twin init` makes one), or learn a healthy baseline (`gear-twin baseline`), so that "
     "the machine can be judged."
@@ -52,14 +57,6 @@ UNJUDGED = (
     "Remove the reason (`gear-twin doctor` examines recording and rig file), or learn a healthy baseline (`gear-twin "
     "baseline`), so that the machine can be judged."
 )
-_QUANTITY = re.compile(r"^(the )?[a-z ]{3,30} (is|are) not available: (?=.)")  # at the start of a reason
-SETTLED = ("accepted", "pinned")  # by an engineer
-CONFIRMATION = "inspect the machine, or replace the estimates in the rig file by measured values"
-UNNAMED_ACTION = "Find out what has changed in the machine, and inspect it at the next stop."
-"""For changes against a baseline that are no effect of the table."""
-
-
-Rule = Callable[[assessment.Assessment, StatusLimits], Iterable[Finding]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +86,7 @@ def _depth(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findi
             level="end_of_life",
             reason=f"The wear depth has reached the end of life: {at.said}.",
             action=f"Stop the machine and replace the gear pair: {at.said}.",
+            share=1.0,
         )
         return
     possible = band is not None and band.p95 is not None and band.p95 >= life.limit
@@ -101,6 +99,7 @@ def _depth(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findi
             level="watch",
             reason=f"The wear depth is near its limit: {at.said}{share}{reach}.",
             action=f"Plan the replacement of the gear pair and measure the wear depth at the next stop: {at.said}.",
+            share=min((depth or 0.0) / life.limit, 1.0),
         )
 
 
@@ -109,15 +108,9 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
     life = found.life
     if not isinstance(life, assessment.Life) or life.reached:
         return
-    run = found.revolutions if found.window is None else found.window.revolutions
-    horizon = horizon_of(run, life.speed, limits)
-    if horizon is None:
-        return
-    chance = probability_within(life.revolutions, horizon.revolutions)
+    chance = probability_within(life.revolutions, revolutions_ahead(life, limits))
     if chance <= limits.possible:
         return
-    basis = "the stated horizon" if horizon.stated else f"{100 * limits.horizon:.0f} % of the revolutions so far"
-    within = f"{horizon.time / HOUR:.3g} h"
     left = _until(life)
     action = (
         f"Replace the gear pair {left}"
@@ -127,77 +120,42 @@ def _life(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findin
     yield Finding(
         subject="life",
         level="alarm" if chance > limits.probable else "watch",
-        reason=f"The end of life ({life.limit / MICROMETRE:.4g} µm) is reached within {horizon.revolutions:,.0f} "
-        f"revolutions ({within}, {basis}) with a probability of {100 * chance:.0f} %.",
+        reason=f"The end of life ({life.limit / MICROMETRE:.4g} µm) is reached within {_ahead(life, limits)} with a "
+        f"probability of {100 * chance:.0f} %.",
         action=f"{action} (5th percentile of the remaining life).",
+        share=chance,
     )
+
+
+def _rate(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    change = found.wear.rate_change if isinstance(found.wear, assessment.Wear) else None
+    if change is None:
+        return
+    risen = change.factor > 1
+    factor = f"risen {change.factor:.2g} times" if risen else f"fallen to {100 * change.factor:.2g} %"
+    yield Finding(
+        subject="wear_rate",
+        level="watch" if risen else "normal",
+        reason=f"The wear rate has {factor} since {change.revolutions:,.0f} revolutions.",
+        action="Inspect the flanks and the lubrication of the gears at the next stop." if risen else NO_ACTION,
+        share=1 - 1 / change.factor if risen else None,
+    )
+
+
+def _ahead(life: assessment.Life, limits: StatusLimits) -> str:
+    """The horizon in words."""
+    days = f"{limits.horizon / DAY:.3g} day{'' if limits.horizon == DAY else 's'}"
+    known = isinstance(life.date, assessment.LifeDate)
+    return days if known else f"{days} of operation"
 
 
 def _until(life: assessment.Life) -> str:
     """When something must have happened: by the lower end of the remaining life, with the date where it is known."""
-    hours = f"{life.time.p05 / HOUR:.3g} h of operation"
+    hours = f"{spoken_time(life.time.p05)} of operation"
     date = life.date
     if isinstance(date, assessment.LifeDate) and date.p05_ns is not None:
         return f"before {iso_time(date.p05_ns)[:16].replace('T', ' ')} UTC, that is within {hours}"
     return f"within {hours}"
-
-
-def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
-    from twin.effects.channel_faults import facts_of  # loads half of the twin, which a start does without
-
-    for effect in found.effects:
-        known = facts_of(effect.name)
-        if known is not None and known.acts_on == "unknown":
-            continue  # what is unknown of it is said where the rest is judged
-        alarm = known is not None and known.alarm_class == "alarm"
-        label = effect.name.replace("_", " ") if known is None else known.label
-        action = OTHER_ACTIONS.get(effect.name, UNNAMED_ACTION) if known is None else known.action
-        what = f"{label[:1].upper()}{label[1:]}"
-        where = f" in {', '.join(effect.channels)}" if effect.channels else ""
-        sizes = ", ".join(_size(name, p) for name, p in effect.parameters.items() if _is_size(effect.name, name, p))
-        verb = "were" if label.endswith(PLURALS) else "was"
-        sized = f": {sizes}." if sizes else "."
-        subject = "/".join(["effect", effect.name, *effect.channels])
-        acts = f"{action.removesuffix('.')} ({', '.join(effect.channels)})." if effect.channels else action
-        reason = f"{what} {verb} found{where}{sized}"
-        for caveat in effect.caveats:
-            reason = f"{reason.removesuffix('.')}; {caveat[:1].lower()}{caveat[1:]}"
-        if effect.caveats and effect.status not in SETTLED:
-            alarm, acts = False, f"Confirm the effect ({label}) before acting on it: {CONFIRMATION}."
-        yield Finding(subject=subject, level="alarm" if alarm else "watch", reason=reason, action=acts)
-
-
-def _is_size(effect: str, name: str, parameter: assessment.ParameterValue) -> bool:
-    """Whether a parameter says how large an effect is, or is stated all the same; phases are of no use to a person."""
-    from twin.effects import EFFECTS
-
-    known = EFFECTS.get(effect)
-    shapes = () if known is None else [p.name for p in known.parameters if p.shape and p.name not in known.facts.stated]
-    return name not in shapes and parameter.unit != "rad"
-
-
-def _size(name: str, parameter: assessment.ParameterValue) -> str:
-    value, unit = parameter.value, parameter.unit
-    if unit == "m":
-        value, unit = value / MICROMETRE, "µm"
-    elif not unit and name.endswith(("_loss", "_share")):
-        value, unit = value / PERCENT, "%"
-    figure = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"  # no power of ten in a sentence
-    return f"{name.replace('_', ' ')} {figure}" + (f" {unit}" if unit else "")
-
-
-def _unknown(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
-    rest = found.unexplained
-    if rest.verdict == "unknown_effect":
-        share = "" if rest.share is None else f" ({100 * rest.share:.2g} % of the measured energy)"
-        yield Finding(
-            subject="unexplained",
-            level="alarm" if rest.struck else "watch",
-            reason=sentence(f"The vibration has a cause that no effect explains{share}: {rest.reason}"),
-            action=f"Stop the machine, and inspect the teeth of the {rest.struck} and what turns with it."
-            if rest.struck
-            else "Find the cause of the unexplained vibration: look for what runs at these frequencies nearby.",
-        )
 
 
 def _validity(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
@@ -252,7 +210,14 @@ def _insufficient(found: assessment.Assessment, limits: StatusLimits) -> Iterato
     said = (
         found.baseline is None and isinstance(found.wear, assessment.Unavailable) and found.wear.reason == rest.reason
     )
-    if rest.verdict == "insufficient_data" and not said:  # `_basis` gives the reason already
+    if rest.verdict == "insufficient_data" and found.baseline is not None:
+        yield Finding(
+            subject="explanation",
+            level="no_verdict",
+            reason=sentence(f"The window cannot be judged by the healthy recordings: {rest.reason}"),
+            action="Record a window under a load and speed of the healthy recordings, or learn more of them.",
+        )
+    elif rest.verdict == "insufficient_data" and not said:  # `_basis` gives the reason already
         silent = _without_accelerometer(found)
         what = "The model of the machine is not confirmed yet" if silent else "The vibration is not explained yet"
         also = "mount an accelerometer" if silent else "compare the rig file with the machine"
@@ -351,8 +316,8 @@ def imperative(remedies: Iterable[str], otherwise: str) -> str:
 RULES: tuple[Rule, ...] = (
     _depth_as_established,
     _life_as_established,
-    _effects,
-    _unknown,
+    _rate,
+    *EFFECT_RULES,
     _validity,
     _inspections,
     _pair,
@@ -367,14 +332,20 @@ def findings_of(found: assessment.Assessment, limits: StatusLimits) -> list[Find
     return by_severity(finding for rule in RULES for finding in rule(found, limits))
 
 
+def normal_reason(found: assessment.Assessment) -> str:
+    """What a machine without any finding is said to be, by what it is judged by."""
+    if isinstance(found.wear, assessment.Wear):
+        what = "what the encoders measure" if _without_accelerometer(found) else "the vibration"
+        far = ", and wear is far from its limit" if isinstance(found.life, assessment.Life) else ""
+        return f"The twin explains {what}{far}."
+    if found.baseline is not None:
+        return "The vibration is as in the healthy recordings."
+    return "Nothing that calls for attention was found."
+
+
 def depth_of(found: assessment.Assessment) -> assessment.Interval | None:
     """The largest combined depth [m], of whatever method; None where there is none."""
     wear = found.wear
     if isinstance(wear, assessment.Wear):
         return wear.depth["combined"]
     return wear.depth if isinstance(wear, assessment.LevelWear) else None
-
-
-def cause(reason: str) -> str:
-    """A reason without the quantity that it is the reason of: "wear is not available: no module" is "no module"."""
-    return _QUANTITY.sub("", reason)

@@ -16,7 +16,13 @@ CAUSES = {
     2: "an out-of-round {shaft}, misalignment of its coupling, or a load that varies twice per turn of the {shaft}",
     3: "a form error of the {shaft} with three waves, or a load that varies three times per turn of the {shaft}",
 }
+
 AMPLITUDE, PHASE = 0.8, 0.2  # share of amplitude modulation from which, or up to which, it is called by one name alone
+
+
+def causes_of(shaft: str, multiple: int) -> str:
+    """What can modulate the mesh vibration so many times per turn of a shaft."""
+    return CAUSES[multiple].format(shaft=shaft)
 
 
 class SidebandPair(ContractModel):
@@ -76,7 +82,7 @@ class Modulation(ContractModel):
             depth_percent=found.depth / PERCENT,
             depth_std_percent=found.std / PERCENT,
             kind=kind,
-            possible_causes=CAUSES[found.multiple].format(shaft=found.shaft),
+            possible_causes=causes_of(found.shaft, found.multiple),
             sidebands=[SidebandPair.of(pair) for pair in found.pairs],
             **compared,
         )

@@ -29,7 +29,7 @@ def kind_of(whole: Mapping[str, Any]) -> Kind:
 
 
 def overview(whole: Mapping[str, Any], rig: Mapping[str, Any] | None) -> dict[str, Any]:
-    """`kind`, `depth_um`, `limit_um`, `life_hours` and `preliminary` of an asset's whole state."""
+    """Kind, depth with its limit, and life of an asset's whole state."""
     wear, rul = whole.get("wear"), whole.get("rul")
     depth = (wear.get("max_depth_um") or {}).get("combined") if isinstance(wear, Mapping) else None
     life = rul if isinstance(rul, Mapping) and is_available(rul) else {}
@@ -42,5 +42,6 @@ def overview(whole: Mapping[str, Any], rig: Mapping[str, Any] | None) -> dict[st
         "depth_um": dict(depth) if isinstance(depth, Mapping) and is_available(depth) else None,
         "limit_um": limit,
         "life_hours": life.get("hours"),
+        "life_of_wear_alone": bool(life.get("of_wear_alone")),
         "preliminary": any(isinstance(part, Mapping) and bool(part.get("preliminary")) for part in (wear, rul)),
     }

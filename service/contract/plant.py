@@ -16,6 +16,7 @@ from service.contract.finding import Level
 from service.contract.overview import overview
 from service.contract.status import DataLevel
 from service.contract.trend import is_available
+from service.contract.verdict import Verdict
 
 VERSION = 1
 NO_FIGURE = "this machine's answer has no such figure"
@@ -48,6 +49,7 @@ class PlantLife(ContractModel):
     hours: Band
     revolutions: Band
     reached: bool = Field(description="whether the end of life has been reached")
+    of_wear_alone: bool = Field(default=False, description="whether damage is found that the life does not count")
     preliminary: list[str] = Field(description="why the life is not established; empty where it is")
 
 
@@ -59,9 +61,12 @@ class PlantResult(ContractModel):
     asset: str
     time: str = Field(description="when it was published, by the service's clock, ISO 8601")
     level: Level = Field(description="status of the machine")
+    summary: str = Field(default="", description="the state in at most 25 words")
     reasons: list[str] = Field(description="one sentence each, most important first")
     action: str = Field(description="what to do, in the imperative")
     since: str | None = Field(description="when the level was reached, ISO 8601")
+    verdict: Verdict | None = Field(default=None, description="the window that the level rests on, and its age")
+    last_seen: str | None = Field(default=None, description="when the newest frame or window came, ISO 8601")
     data: DataLevel = Field(description="quality of the data, apart from the machine's health")
     data_reason: str
     window: PlantWindow | None = Field(description="null before the first window")
@@ -115,9 +120,12 @@ def plant_result(
         "asset": whole["asset"],
         "time": time,
         "level": status["level"],
+        "summary": status.get("summary") or "",
         "reasons": list(status["reasons"]),
         "action": status["action"],
         "since": (status.get("since") or {}).get("time"),
+        "verdict": status.get("verdict"),
+        "last_seen": whole.get("last_seen"),
         "data": data["level"],
         "data_reason": data["reason"],
         "window": _window(records[-1]) if records else None,
@@ -167,7 +175,8 @@ def _life(rul: Mapping[str, Any]) -> dict[str, Any]:
     if not is_available(rul):
         return dict(rul or not_available(NO_FIGURE))
     bands = {unit: _band(rul.get(unit) or {}) for unit in ("hours", "revolutions")}
-    return {**bands, "reached": bool(rul.get("reached")), "preliminary": _preliminary(rul)}
+    alone = bool(rul.get("of_wear_alone"))
+    return {**bands, "reached": bool(rul.get("reached")), "of_wear_alone": alone, "preliminary": _preliminary(rul)}
 
 
 def _band(band: Mapping[str, Any]) -> dict[str, Any]:

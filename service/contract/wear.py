@@ -144,6 +144,14 @@ class WearGrowth(ContractModel):
         )
 
 
+class RateChange(ContractModel):
+    """A change of the wear rate by more than a factor of three."""
+
+    factor: float = Field(description="rate since the change over the rate before")
+    revolutions: float = Field(description="of the pinion at the change")
+    windows: int = Field(description="after it")
+
+
 class Wear(ContractModel):
     """Wear now, by the model of the machine or by a relation of level and depth."""
 
@@ -166,6 +174,9 @@ class Wear(ContractModel):
         default=None, description="since the first window, where no window has seen the gears new"
     )
     inspections: Inspections | None = Field(default=None, description="measured depths that are part of the estimate")
+    rate_change: RateChange | None = Field(
+        default=None, description="absent where the wear rate has not changed by more than a factor of three"
+    )
 
     @classmethod
     def of(cls, wear: assessment.Wear | assessment.LevelWear) -> Wear:
@@ -177,6 +188,9 @@ class Wear(ContractModel):
     def _of_model(cls, wear: assessment.Wear) -> Wear:
         parts: dict[str, Any] = {} if wear.inspected is None else {"inspections": Inspections.of(wear.inspected)}
         parts |= {} if wear.growth is None else {"growth": WearGrowth.of(wear.growth)}
+        if wear.rate_change is not None:
+            own = wear.rate_change
+            parts["rate_change"] = RateChange(factor=own.factor, revolutions=own.revolutions, windows=own.windows)
         return cls(
             k_wear_per_n=wear.wear_coefficient,
             dwell_time_s=wear.dwell_time,
@@ -272,6 +286,9 @@ class Rul(ContractModel):
     distribution: LifeDistribution | None = Field(default=None, description="the life as a distribution")
     date: LifeDate | NotAvailable | None = Field(default=None, description="when it ends")
     preliminary: Preliminary | None = Field(default=None, description="null where the life is established")
+    of_wear_alone: bool | None = Field(
+        default=None, description="true where damage of another kind is found, which the life does not count"
+    )
 
     @classmethod
     def of(cls, life: assessment.Life) -> Rul:

@@ -24,7 +24,7 @@ from service.fleet.layout import ASSETS, CURVES, NAMES
 from service.fleet.notices import CHANGED
 from service.json_text import plain
 from service.results.asset_list import area_of, severity_of, words_of
-from service.results.board import Board, Snapshot, Stale
+from service.results.board import Board, Snapshot, Stale, Waiting
 from service.results.json_columns import dump, load
 from service.results.schema import ASSETS as OWN
 from service.results.store import Tables
@@ -177,6 +177,7 @@ def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
                 "stale": None if snapshot.stale is None else asdict(snapshot.stale),
                 "damaged": None if snapshot.damaged is None else asdict(snapshot.damaged),
                 "unstored": snapshot.unstored,
+                "waiting": None if snapshot.waiting is None else asdict(snapshot.waiting),
             }
         ),
     }
@@ -192,7 +193,12 @@ def volatile_of(text: bytes | None) -> dict[str, Any]:
         "stale": None if data["stale"] is None else Stale(**data["stale"]),
         "damaged": None if data["damaged"] is None else Stale(**data["damaged"]),
         "unstored": None if data["unstored"] is None else tuple(data["unstored"]),
+        "waiting": None if data.get("waiting") is None else _waiting(data["waiting"]),
     }
+
+
+def _waiting(data: Mapping[str, Any]) -> Waiting:
+    return Waiting(windows=data["windows"], since_ns=data["since_ns"], behind=tuple(data["behind"]))
 
 
 def _shown(snapshot: Snapshot) -> tuple[Any, ...]:
@@ -200,5 +206,5 @@ def _shown(snapshot: Snapshot) -> tuple[Any, ...]:
     return (
         snapshot.last_event_id, snapshot.windows_total, snapshot.epoch, snapshot.stale, snapshot.damaged,
         snapshot.unstored, id(snapshot.report), id(snapshot.rig), id(snapshot.alarms), id(snapshot.question),
-        id(snapshot.retired),
+        id(snapshot.retired), snapshot.waiting,
     )  # fmt: skip

@@ -107,6 +107,10 @@ class Searches:
         """Why nothing can be computed, or None."""
         return self._inner.unusable()
 
+    def at_work(self) -> tuple[str, ...]:
+        """The assets whose calls are being carried out."""
+        return (*self._inner.at_work(), *(job.call.asset for job in self._jobs))
+
     def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
         return {

@@ -9,6 +9,7 @@ import { Problem, get } from "./api.js";
 import { element } from "./dom.js";
 import { levelWord } from "./format.js";
 import { Machine } from "./machine.js";
+import { seen } from "./parts/seen.js";
 import { showSession, signInForm } from "./session.js";
 import { VIEWS } from "./views.js";
 
@@ -17,6 +18,7 @@ const trail = document.getElementById("trail");
 const link = document.getElementById("link");
 const session = document.getElementById("session");
 const AXIS = "gear-twin axis"; // key of the browser's store
+const SEEN_MS = 15_000; // how often it is asked when a machine was last seen
 
 let leaving = new AbortController(); // of the view that is shown
 let machine = null; // of the asset that is shown
@@ -151,12 +153,16 @@ async function showMachine(route, signal) {
   if (signal.aborted) return;
   const root = element("div", { className: "view" });
   const navigation = tabs(route, opened.state);
-  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, `${route.asset}: ${view.title}`), navigation, root);
+  const last = element("div", {}, seen(opened.state));
+  main.replaceChildren(element("h1", { className: "visually-hidden", tabIndex: -1 }, `${route.asset}: ${view.title}`), navigation, last, root);
   const context = contextOf(root, signal);
   const mark = () => {
     document.title = `${levelWord(opened.state.status?.level)}: ${route.asset} – gear-twin`;
     main.dataset.windows = String(opened.state.windows_total);
+    last.replaceChildren(seen(opened.state));
   };
+  const timer = setInterval(() => document.hidden || opened.soon("seen"), SEEN_MS); // frames that end no window are no event
+  signal.addEventListener("abort", () => clearInterval(timer));
   const shown = code.show(root, context);
   const changed = async (event) => {
     await shown;

@@ -58,7 +58,7 @@ def report_of(
     return Report(
         asset=answer["asset"],
         made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC"),
-        latest=_moment(records[-1].get("start_time")) if records else "no measurement yet",
+        latest=_latest(status, records),
         level=status.get("level") or "no_verdict",
         action=status.get("action") or "",
         reasons=tuple((status.get("reasons") or ())[:MOST_REASONS]),
@@ -81,6 +81,14 @@ def report_of(
         limit_um=_limit(answer, machine),
         life_revolutions=life,
     )
+
+
+def _latest(status: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> str:
+    """When the window began that the state rests on; of a state that names none, the latest."""
+    if not records:
+        return "no measurement yet"
+    start = (status.get("verdict") or {}).get("start_time")
+    return _moment(start or records[-1].get("start_time"))
 
 
 def _again(answer: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
@@ -155,10 +163,13 @@ def _life(answer: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     if not available(rul):
         return []
     hours, turns = rul["hours"], rul["revolutions"]
+    name = "Remaining life, of wear alone" if rul.get("of_wear_alone") else "Remaining life"
     if hours.get("median") is None:
-        return [("Remaining life", f"at least {number(hours['p05'])} h", _sentence(rul.get("reason") or ""))]
+        return [(name, f"at least {number(hours['p05'])} h", _sentence(rul.get("reason") or ""))]
     detail = f"{_preliminary(rul)}{_band(hours, 'h')}; {number(turns['median'])} revolutions of the pinion{_date(rul)}"
-    return [("Remaining life", f"{number(hours['median'])} h", detail)]
+    if rul.get("of_wear_alone"):
+        detail += "; the damage found is not counted in"
+    return [(name, f"{number(hours['median'])} h", detail)]
 
 
 def _date(rul: Mapping[str, Any]) -> str:

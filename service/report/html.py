@@ -39,7 +39,7 @@ def html(report: Report) -> str:
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
-        f'<h1>{title}</h1><p class="sub">Latest measurement {escape(report.latest)}; made {escape(report.made)}.</p>'
+        f'<h1>{title}</h1><p class="sub">State as of {escape(report.latest)}; made {escape(report.made)}.</p>'
         f"{_state(report)}{_cards(report)}{'<h2>Trends</h2>' + figures if figures else ''}{_findings(report)}"
         f"{_list('What cannot be said yet', report.limits)}"
         f'<section class="appendix"><h2>Appendix: method</h2>{_paragraphs(report.method)}'

@@ -53,7 +53,7 @@ def _first(report: Report, styles: dict[str, ParagraphStyle]) -> list[Flowable]:
     """Conclusion and action, the figures that matter, trends, other findings and limits."""
     flow: list[Flowable] = [
         _text(f"Report on {report.asset}", styles["title"]),
-        _text(f"Latest measurement {report.latest}; made {report.made}.", styles["small"]),
+        _text(f"State as of {report.latest}; made {report.made}.", styles["small"]),
         Spacer(0, 2 * mm),
         _state(report, styles),
         Spacer(0, 3 * mm),

@@ -18,7 +18,7 @@ from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.overview import overview
 from service.contract.question import asked
-from service.contract.status import none_yet, not_stored
+from service.contract.status import Backlog, none_yet, not_stored
 from service.results.asset_changes import AssetChanges
 from service.results.asset_list import Choice, Page, areas_of, page_of
 from service.results.change_signal import ChangeSignal
@@ -34,6 +34,19 @@ class Stale:
 
     since_ns: int  # Unix time of this machine [ns]
     reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waiting:
+    """Windows of an asset that wait to be assessed."""
+
+    windows: int
+    since_ns: int  # when the oldest of them was complete, Unix time of this machine [ns]
+    behind: tuple[str, ...] = ()  # assets that are assessed before; empty where it is this asset's turn
+
+    def as_backlog(self) -> Backlog:
+        """As the contract has it."""
+        return Backlog(windows=self.windows, since=iso_time(self.since_ns), behind=list(self.behind))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +69,7 @@ class Snapshot:
     stale: Stale | None = None
     damaged: Stale | None = None  # why nothing more is processed, until the next start
     sparkline: Sparkline = field(default_factory=Sparkline)
+    waiting: Waiting | None = None  # windows to be assessed; None where none has waited for long
     unstored: tuple[str, str] | None = None  # why results cannot be stored now, and since when (ISO 8601)
     question: Mapping[str, Any] | None = None  # that waits for an answer by people
     epoch: int = 0  # number of the present gears
@@ -111,18 +125,31 @@ class Snapshot:
             question=self.question,
             epoch=self.epoch,
             retired=self.retired,
+            backlog=self.backlog,
         )
         reason, since = self.unstored or (None, None)
         whole |= {
             "alarms": counted(self.alarms),
             "storage": None if self.unstored is None else {"reason": reason, "since": since},
+            "last_seen": self.last_seen,
         }
         return replace(self, whole=whole)
 
     def health(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """`status` and `data` as they are shown with this snapshot's records, report, alarms and open question."""
         added = (*added_of(self.alarms), *not_stored(self.unstored), *asked(self.question))
-        return health_of(self.report, self.records, self.stale_text, added)
+        return health_of(self.report, self.records, self.stale_text, added, self.backlog)
+
+    @property
+    def backlog(self) -> Backlog | None:
+        """The windows that wait to be assessed."""
+        return None if self.waiting is None else self.waiting.as_backlog()
+
+    @property
+    def last_seen(self) -> str | None:
+        """When the newest frame or window came (ISO 8601)."""
+        seen = max((t for t in (self.last_frame_ns, self.received_ns) if t is not None), default=None)
+        return None if seen is None else iso_time(seen)
 
     @property
     def stale_text(self) -> tuple[str, str] | None:
@@ -132,7 +159,6 @@ class Snapshot:
 
     def summary(self) -> dict[str, Any]:
         """The asset in the list of assets."""
-        seen = max((t for t in (self.last_frame_ns, self.received_ns) if t is not None), default=None)
         data = self.whole.get("data") or {"level": "waiting", "reason": NO_WHOLE_WINDOW}
         return {
             "asset": self.asset,
@@ -145,7 +171,7 @@ class Snapshot:
             "revolutions": self.latest.get("revolutions"),
             "last_window": self.records[-1].get("start_time") if self.records else None,
             "last_frame": None if self.last_frame_ns is None else iso_time(self.last_frame_ns),
-            "last_seen": None if seen is None else iso_time(seen),
+            "last_seen": self.last_seen,
             "rig": (self.rig or {}).get("name"),
             "last_event_id": self.last_event_id,
             **overview(self.whole, self.rig),

@@ -119,6 +119,10 @@ class Computing(Protocol):
         """Why nothing can be computed, or None."""
         ...
 
+    def at_work(self) -> tuple[str, ...]:
+        """The assets whose calls are being carried out."""
+        ...
+
     def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
         ...
@@ -139,6 +143,10 @@ class Inline:
     def unusable(self) -> str | None:
         """The thread that calls computes."""
         return None
+
+    def at_work(self) -> tuple[str, ...]:
+        """Whoever asks is not at work."""
+        return ()
 
     def figures(self) -> Mapping[str, float]:
         """Nothing waits."""

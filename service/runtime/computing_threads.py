@@ -25,7 +25,7 @@ class Threads:
         self._calls: queue.SimpleQueue[tuple[Call, Callable[[Made], None]]] = queue.SimpleQueue()
         self._made: queue.SimpleQueue[tuple[Callable[[Made], None], Made | BaseException]] = queue.SimpleQueue()
         self._ended = False
-        self._began: dict[int, float] = {}  # of calls under way, by thread, on the monotonic clock [s]
+        self._began: dict[int, tuple[float, str]] = {}  # by thread: when its call began, monotonic [s], and the asset
 
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
         """Has a call carried out; `done` is called by `collect`."""
@@ -55,9 +55,13 @@ class Threads:
         """Threads do not end by themselves."""
         return None
 
+    def at_work(self) -> tuple[str, ...]:
+        """The assets whose calls are being carried out."""
+        return tuple(asset for _, asset in self._began.copy().values())
+
     def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
-        began = list(self._began.values())
+        began = [since for since, _ in self._began.copy().values()]
         return {
             "workers": 0,
             "workers_busy": 0,
@@ -75,7 +79,7 @@ class Threads:
                 except queue.Empty:
                     self._free += 1
                     return
-            self._began[threading.get_ident()] = time.monotonic()
+            self._began[threading.get_ident()] = time.monotonic(), call.asset
             try:
                 made: Made | BaseException = carry_out(call)
             except BaseException as error:

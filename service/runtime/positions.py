@@ -188,16 +188,22 @@ class Positions:
         return position_text(self._model(stream))
 
     def latest(self, stream: str) -> PositionModel:
-        """What was published last, and whether frames are used now: frames that came since are not in it."""
+        """What was published last, and what holds now: whether frames are used, and how many windows wait.
+
+        Frames that came since are not in it.
+        """
         _, known = self._published.get(stream, (0.0, None))
         known = known or PositionModel(asset=stream, instance=self._instance, accepting=True)
         refusal = self._source.refusal(stream)
-        now = {"accepting": refusal is None, "reason": refusal, "instance": self._instance_of(stream)}
+        now = {
+            "accepting": refusal is None, "reason": refusal, "instance": self._instance_of(stream),
+            "backlog": self._pending(stream).waiting,
+        }  # fmt: skip
         return known.model_copy(update=now)
 
     def _behind(self, stream: str) -> str:
         known = self.latest(stream)
-        return position_text(known.model_copy(update={"behind": True, "backlog": self._pending(stream).waiting}))
+        return position_text(known.model_copy(update={"behind": True}))
 
     def _instance_of(self, stream: str) -> str:
         """Another one where earlier frames must be sent again: after a start, and where the asset has been adopted."""

@@ -83,7 +83,7 @@ class Spool:
     def unstored_from_ns(self, asset: str) -> int | None:
         """Start of the earliest window that has closed and is not durable yet; None where all are."""
         pending = self._pending.get(asset)
-        return min((closed.window.start_time_ns for closed in pending), default=None) if pending else None
+        return min((closed.window.start_time_ns for closed in pending.copy()), default=None) if pending else None
 
     def rename(self, asset: str, name: str) -> None:
         """Goes on under another name, once that has been committed."""

@@ -1,31 +1,44 @@
 """When an asset's figures no longer say how the machine is now, though nothing has failed.
 
-Either no whole window has come for a long time, or frames keep coming and none of them ends in a window: their time
-stamps contradict each other or what was received before, or channels that a window needs are missing.
+Either the stream is silent for longer than is usual for it, or no whole window has come for a long time, or frames keep
+coming and none of them ends in a window: their time stamps contradict each other or what was received before, or
+channels that a window needs are missing. Time is measured by a clock that cannot step.
+
+    silent for longer than 3·p,      p = median of the times from one window's start to the next
+
+p  usual pause of the stream, by its own time stamps [s]; known from 4 windows on
 """
 
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
+from statistics import median
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
+from service.contract.base import spoken_time
+from service.contract.verdict import seconds_between
 from service.results.board import Board, Snapshot, Stale
 from service.results.status_events import status_events
 from service.results.store import ResultStore
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
+from service.steady_clock import steady_time_ns
+from service.stream.frames import LENGTH_LIMITS
 
 log = logging.getLogger(__name__)
 
 NS = 1_000_000_000
 LOOK_EVERY = 1.0  # how often the assets are looked at [s]
 WINDOWS_MISSED = 3.0  # window lengths that frames must have covered before a missing window is a fault
+PAUSES_MISSED = 3.0  # usual pauses of a stream after which it is silent
+LEAST_STEPS = 3  # between windows, from which the usual pause is known
+LEAST_SILENCE = 3 * LENGTH_LIMITS[1]  # three of the longest frames [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +56,26 @@ class _Heard:
     window_ns: int | None = None  # the window that these frames follow
     first_ns: int | None = None
     last_ns: int | None = None
+
+
+def usual_pause(records: Sequence[Mapping[str, Any]]) -> float | None:
+    """Median time from one window's start to the next [s], by the latest records; None where they are too few."""
+    starts = [record["start_time"] for record in records if record.get("start_time")]
+    steps = [seconds_between(first, second) or 0.0 for first, second in pairwise(starts)]
+    usual = [step for step in steps if step > 0]
+    return median(usual) if len(usual) >= LEAST_STEPS else None
+
+
+def silent(now_ns: int, heard_ns: int, pause: float | None) -> Stale | None:
+    """Whether a stream is silent by its own rhythm.
+
+    heard_ns  when the latest frame came, or the latest window was committed; Unix time of this machine [ns]
+    pause     its usual pause [s]; None where it is not known
+    """
+    if pause is None or now_ns - heard_ns <= max(PAUSES_MISSED * pause, LEAST_SILENCE) * NS:
+        return None
+    usual = f"usually a window comes every {spoken_time(pause)}"
+    return Stale(since_ns=heard_ns, reason=f"nothing has been received since {_utc(heard_ns)}; {usual}")
 
 
 def stale(
@@ -73,7 +106,7 @@ class StalenessWatch:
         publication: StatePublication,
         limits: StalenessLimits,
         *,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = steady_time_ns,
         alarms: AlarmKeeper | None = None,
     ) -> None:
         self._alarms = alarms
@@ -89,6 +122,7 @@ class StalenessWatch:
         self._judged: dict[str, tuple[Mapping[str, Any], ...]] = {}  # alarms that the last evaluation left open
         self._looked = 0
         self._heard: dict[str, _Heard] = {}
+        self._window: dict[str, tuple[int, int]] = {}  # when the latest window was committed, and by this clock [ns]
 
     def heard(self, asset: str) -> None:
         """A frame of the asset has come, valid or not."""
@@ -101,29 +135,39 @@ class StalenessWatch:
 
     def rename(self, asset: str, name: str) -> None:
         """The asset has another name: what is known of it goes with it."""
-        every: tuple[dict[str, Any], ...] = (self._heard, self._since, self._retired, self._judged)
+        every: tuple[dict[str, Any], ...] = (self._heard, self._since, self._retired, self._judged, self._window)
         for known in every:
             if asset in known:
                 known[name] = known.pop(asset)
 
     def __call__(self) -> None:
         """Looks at the assets, if that is due."""
-        now = self._clock()
-        if now - self._looked < LOOK_EVERY * NS:
+        now, before = self._clock(), self._looked
+        if now - before < LOOK_EVERY * NS:
             return
         self._looked = now
         for asset in self._board.assets():
             snapshot = self._board.get(asset)
             if snapshot is None:
                 continue
-            found = self._found(now, snapshot)
+            found = self._found(now, before, snapshot)
             if found != snapshot.stale or (found is not None and self._alarms_differ(snapshot)):
                 self._show(asset, found)
 
-    def _found(self, now: int, snapshot: Snapshot) -> Stale | None:
+    def _committed(self, now: int, before: int, snapshot: Snapshot) -> int:
+        """When the latest window was committed, by this clock: of one since the look `before`, between that and now."""
+        if snapshot.received_ns is None:
+            return self._since.setdefault(snapshot.asset, now)
+        known = self._window.get(snapshot.asset)
+        if known is None or known[0] != snapshot.received_ns:
+            at = min(max(snapshot.received_ns, 0 if known is None else before), now)
+            known = self._window[snapshot.asset] = snapshot.received_ns, at
+        return known[1]
+
+    def _found(self, now: int, before: int, snapshot: Snapshot) -> Stale | None:
         """Whether an asset is stale now; one that is retired never is, and what was before that no longer counts."""
         asset = snapshot.asset
-        since = self._since.setdefault(asset, now)
+        self._since.setdefault(asset, now)
         if snapshot.retired is not None:
             self._heard.pop(asset, None)
             self._retired[asset] = now
@@ -131,8 +175,9 @@ class StalenessWatch:
         heard = self._heard.get(asset, _Heard())
         current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
         first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
-        window_ns = max(snapshot.received_ns or since, self._retired.get(asset, 0))
-        return stale(now, window_ns, first, last, self._limits)
+        window_ns = max(self._committed(now, before, snapshot), self._retired.get(asset, 0))
+        found = stale(now, window_ns, first, last, self._limits)
+        return found or silent(now, max(window_ns, heard.last_ns or 0), usual_pause(snapshot.records))
 
     def _alarms_differ(self, snapshot: Snapshot) -> bool:
         """Whether other alarms are open than at the last evaluation: where one was cleared, its cause still lasts."""

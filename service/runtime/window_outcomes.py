@@ -36,7 +36,7 @@ def outcome_of(
         record = refused_record(refused or "")
     else:
         record, events, grade = dict(answer.record), answer.events, window.quality
-        report = with_status_since(lane.report, answer.report, window.start_time_ns, record.get("revolutions"))
+        report = with_status_since(lane.report, answer.report, window.start_time_ns, record.get("revolutions"), index)
     faults = counts.note_window(index, window, grade)
     record |= {
         "index": index,

@@ -14,7 +14,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable, StorageUnavailable
 from service.operation.health import RECEPTION, WORKERS, Health
-from service.operation.journey import Arrived, nobody
+from service.operation.journey import Arrived, Journey, nobody
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
@@ -24,6 +24,7 @@ from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.asset_twins import AssetTwins
+from service.runtime.backlog_watch import BacklogWatch
 from service.runtime.changes import ChangeWorker
 from service.runtime.computing_here import ComputingOf, computing_here
 from service.runtime.decisions import DecisionWorker
@@ -280,13 +281,10 @@ class Worker(threading.Thread):
             closed.journey.received_ns = reception.freshness(closed.asset).last_arrival_ns or 0
             spool.add(closed)
 
-        def noticed(asset: str, repeats: Repeats) -> None:
-            storage.attempt(lambda: lanes.look_for_repeats(asset, repeats))
-
         reception = self._reception = Reception(
             lambda asset: self._rigs.of(asset, offered, known.get(asset)),
             close,
-            noticed=noticed,
+            noticed=self._noticed,
             assembly=replace(assembly_settings(self._settings), clocked=True),
             host_clock=time.time_ns,
             used=self._keep_raw,
@@ -299,7 +297,7 @@ class Worker(threading.Thread):
             new_state=lambda: NEW,
             waiting=WaitingWindows(store, life, board, publication),
             storage=storage,
-            arrived=self.arrived,
+            arrived=self._arrived,
             timed=self.timed,
         )
         lanes.forget = life.forget_waiting
@@ -336,18 +334,32 @@ class Worker(threading.Thread):
         questions.start()
         intake.begins = questions.first_frame
         storage_status = StorageStatus(storage, board, publication)
+        backlog = BacklogWatch(lanes, computing, board, publication)
 
         def between() -> None:
             self._look_at_link(transport)
             self._look_after(spool, lanes, storage_status, publication)
             positions()
             first_frames()
+            backlog()
             for part in (questions, requests, watch):
                 storage.attempt(part)
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
 
         return positions, streams, between
+
+    def _noticed(self, asset: str, repeats: Repeats) -> None:
+        """Frames of times that have passed have come, or others since."""
+        lanes = self._lanes
+        if lanes is not None:
+            self._storage.attempt(lambda: lanes.look_for_repeats(asset, repeats))
+
+    def _arrived(self, asset: str, index: int, grade: str, journey: Journey) -> None:
+        """A window has been shown: one less waits."""
+        self.arrived(asset, index, grade, journey)
+        if self._positions is not None and self._streams is not None:
+            self._positions.moved(*self._streams.streams_of(asset))
 
     def _look_at_link(self, transport: Transport) -> None:
         """From time to time: whether publishers can be heard."""

@@ -151,6 +151,10 @@ class Processes:
             return None
         return f"the last {self._in_a_row} calls to the twin ended their worker processes; is there enough memory?"
 
+    def at_work(self) -> tuple[str, ...]:
+        """The assets whose calls are being carried out."""
+        return tuple(worker.job.call.asset for worker in self._workers if worker.job is not None)
+
     def figures(self) -> Mapping[str, float]:
         """Figures for /metrics."""
         now = time.monotonic()

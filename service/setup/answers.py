@@ -74,6 +74,7 @@ class Answers:
     material: str
     lubrication: str
     wear_limit: float | None  # [m]
+    life_horizon_days: float | None
     encoder_pinion: int  # edges a turn, 0 for none
     encoder_gear: int
     encoder_signal: str
@@ -285,6 +286,9 @@ def _plausible(where: str, read: Mapping[str, Any]) -> None:
             f"{where}: face_width = {W * 1e3:g} mm is {W / m:.3g} modules of {m * 1e3:g} mm; usual are 6 to 20, "
             f"{WIDTH_MODULES[0]:g} to {WIDTH_MODULES[1]:g} are accepted: another unit?"
         )
+    days = read["life_horizon_days"]
+    if days is not None and not 0 < days <= 36_500:
+        raise InputError(f"{where}: life_horizon_days = {days:g} is outside (0, 36500]: hours?")
     if not radians(10) <= α <= radians(35):
         raise InputError(f"{where}: pressure_angle = {α * 180 / pi:g}° is outside [10, 35]°: radians for degrees?")
     if m is not None and read["wear_limit"] is not None and read["wear_limit"] > 1.5 * m:

@@ -59,6 +59,8 @@ QUESTIONS = (
     Question(key="lubrication", text="Lubrication", kind="choice", default="oil", choices=LUBRICATION),
     Question(key="wear_limit", text="Wear depth of both flanks together that ends the life (Enter: 10 % of the tooth)",
              kind="length", example="0.3 mm"),
+    Question(key="life_horizon_days", text="Days ahead that the end of life is looked for (Enter: 30)", kind="number",
+             example="60"),
     Question(key="encoder_pinion", text="Pulses or lines a turn on the pinion's shaft (0: none, 1: tachometer)",
              kind="count", default="0", example="1024"),
     Question(key="encoder_gear", text="Pulses or lines a turn on the gear's shaft (0: none)", kind="count", default="0",

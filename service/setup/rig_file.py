@@ -222,6 +222,8 @@ def _limit(answers: Answers, values: dict[str, Any], origin: dict[str, str], ass
     else:
         return
     values["end_of_life.criterion"], origin["end_of_life.criterion"] = "max_depth", "given"
+    if answers.life_horizon_days is not None:
+        values["end_of_life.horizon_days"], origin["end_of_life.horizon_days"] = answers.life_horizon_days, "given"
 
 
 def _estimated(derived: list[str], assumed: list[str]) -> dict[str, Any]:

@@ -39,6 +39,7 @@ def test_capabilities_that_apply_follow_from_rig_file_channels_and_options():
     alone = context(minimal_rig(), windows[3], State())
     assert applying(alone) == {
         "condition_indicators",
+        "learned_level",
         "likely_mistakes",
         "mesh_bands",
         "non_gear_content",
@@ -47,6 +48,7 @@ def test_capabilities_that_apply_follow_from_rig_file_channels_and_options():
     }
     assert applying(context(minimal_rig(), windows[3], State(), trace=False)) == {
         "condition_indicators",
+        "learned_level",
         "likely_mistakes",
         "mesh_bands",
         "shaft_modulation",

@@ -107,8 +107,9 @@ DISCS = {"memory.phase", "memory.phase_std", "memory.offset", "memory.offset.val
          "memory.offset.torque", "memory.unworn_before"}  # fmt: skip
 ANGLES = {"tracing.phase", "tracing.turns"}
 PENDING = {"count.pending", "count.seen"}
-LEVELS = {"levels", "levels.10 Hz.level", "levels.10 Hz.window", "residual_records"}
+LEVELS = {"levels", "levels.10 Hz.level", "levels.10 Hz.window", "residual_records", "learned_levels"}
 HISTORY = {"history"}  # as one
+VERDICT = {"rhythm.index", "rhythm.start_time_ns"}
 SEARCH = {"tracing.next_trace"}  # next_search is due at the same number of windows as it was
 
 
@@ -134,7 +135,7 @@ SEARCH = {"tracing.next_trace"}  # next_search is due at the same number of wind
                 "effects", "memory.path", "memory.mesh", "memory.segments", "memory.compliance_scale",
                 "memory.fit.calibration.modal_damping", "memory.fit.calibration.damping_time",
                 "memory.fit.std.modal_damping", "memory.fit.std.damping_time", "tracing.decisions.misalignment",
-            } | LEVELS | RECENT | DISCS | ANGLES | SINCE_NOW | SEARCH | HISTORY,
+            } | LEVELS | RECENT | DISCS | ANGLES | SINCE_NOW | SEARCH | HISTORY | VERDICT,
         ),
     ],
     ids=["oil", "another sensor", "the sensor", "counter", "reassembled"],

@@ -220,7 +220,7 @@ def test_a_coarse_encoder_is_named():
 def test_questions_are_asked_and_a_wrong_answer_is_asked_again(tmp_path):
     said = [
         "box-1", "19", "52", "", "600", "600 rpm", "", "628 W", "", "71 mm", "", "20 mm", "", "", "",
-        "old", "1200 h", "", "dry", "", "1024", "2048", "edge times", "e1", "", "yes", "", "", "", "", "", "",
+        "old", "1200 h", "", "dry", "", "", "1024", "2048", "edge times", "e1", "", "yes", "", "", "", "", "", "",
         "y", "acc", "g", "", "", "n",
     ]  # fmt: skip
     run = CliRunner().invoke(app, ["init", "--out", str(tmp_path), "--json", "-"], input="\n".join(said) + "\n")

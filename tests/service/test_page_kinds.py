@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 import service_fakes as fakes
 from gear_signals import START, meshing_window
-from machines import NOT_GIVEN, SUDDEN, show_machine, show_waiting
+from machines import MODULATION, NOT_GIVEN, SUDDEN, show_machine, show_waiting
 
+from service.results.board import Waiting
 from service.results.signal_store import SignalStore
 from twin.windows import Window
 
@@ -43,6 +46,8 @@ def test_list_of_machines_gives_units_and_says_nothing_of_a_machine_without_wind
 def test_a_life_that_is_not_sure_to_be_over_keeps_its_band_and_its_reason_is_said_once(open_page, store, board):
     show_machine(store, board, "preliminary")
     page = open_page("/#/asset/preliminary")
+    assert len(page.inner_text(".health .reason").split()) <= 25 and "What helps" not in page.inner_text("main")
+    page.click(".health summary")
     said = page.inner_text("main")
     assert said.lower().count(SUDDEN) == 1
     assert "What helps: record 2 more windows at this speed and load; measure the wear depth." in said
@@ -107,3 +112,44 @@ def test_a_retired_machine_is_not_shown_as_one_that_runs(open_page, store, board
     page.goto(f"{page.url.partition('#')[0]}#/")
     page.get_by_label("retired machines too").check()
     page.wait_for_selector("[data-asset=retired] .badge:text-is('retired')")
+
+
+def test_machine_whose_windows_wait_says_how_many_and_behind_which_machine(open_page, store, board):
+    show_waiting(store, board)
+    board.update("waiting", waiting=Waiting(windows=6, since_ns=time.time_ns() - 85 * 10**9, behind=("pump-3",)))
+    page = open_page("/#/asset/waiting")
+    assert "6 windows wait to be assessed" in page.inner_text(".health .reason")
+    assert "behind pump-3" in page.inner_text(".health .reason") and "behind pump-3" in page.inner_text(".seen")
+    assert "no whole measurement window" not in page.inner_text("main")
+
+
+@pytest.mark.slow
+def test_every_view_of_a_machine_says_when_it_was_last_seen(open_page, store, board):
+    show_machine(store, board, "model")
+    board.update("model", last_frame_ns=time.time_ns() - 180 * 10**9)
+    page = open_page("/#/asset/model")
+    for view in ("", "alarms", "what-if", "life", "data"):
+        shown(page, "model", view)
+        assert page.inner_text(".seen").startswith("Last seen 3 minutes ago"), view
+
+
+def test_new_modulation_is_a_change_since_the_healthy_baseline(open_page, store, board):
+    """The card said `none found` above a modulation nine times as deep as in the healthy recordings."""
+    show_machine(store, board, "baseline")
+    report = {**board.get("baseline").report, "effects": []}
+    report["modulation"] = [{**MODULATION, "healthy_percent": [2.8, 3.1], "new": True}]
+    board.update("baseline", report=report)
+    card = open_page("/#/asset/baseline").inner_text(".cards .card >> nth=0")
+    assert "none found" not in card and "modulation 1 × per turn of the pinion" in card
+
+
+def test_baseline_is_counted_by_windows_days_and_loads(open_page, store, board):
+    """Twelve windows of one file of two minutes were "12 recordings (at least 5 to judge teeth)"."""
+    show_machine(store, board, "baseline")
+    report = board.get("baseline").report
+    baseline = {**report["baseline"], "recordings": [f"healthy#{i}" for i in range(12)], "days": 1, "loads": 1}
+    board.update("baseline", report={**report, "baseline": baseline})
+    said = open_page("/#/asset/baseline").inner_text(".cards")
+    assert (
+        "12 windows" in said and "recorded on 1 day, at 1 operating condition" in said and "12 recordings" not in said
+    )

@@ -11,7 +11,8 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
-from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
+from service.runtime.staleness import NS, StalenessLimits, StalenessWatch, silent, usual_pause
+from service.steady_clock import steady_time_ns
 
 LIMITS = StalenessLimits(silent=3600.0, fruitless=120.0)
 BEGIN = fakes.START_NS  # when the first window of the fakes was committed
@@ -263,3 +264,95 @@ def test_readiness_and_metrics_name_the_stale_asset(watched, store, board):
     assert 'gear_twin_stale{asset="unsw"} 1.0' in text
     assert 'gear_twin_last_window_seconds{asset="unsw"} 1.7e+09' in text
     assert client.get("/v1/assets").json()[0]["data"] == "stale"
+
+
+# -- silence by the stream's own rhythm ----------------------------------------------------------------------
+
+A_DAY = StalenessLimits(silent=86_400.0, fruitless=3600.0)
+EVERY = 600.0  # pause of the fakes' windows [s]
+
+
+def of_windows(store, board, number):
+    """The watch over an asset with so many windows, ten minutes apart, and a clock that can be set [s]."""
+    for index in range(number):
+        fakes.take(store, board, "unsw", index, 10.0 + index)
+    last = fakes.START_NS + (number - 1) * 600 * NS
+    now = [0.0]
+    watch = StalenessWatch(store, board, Published(), A_DAY, clock=lambda: last + round(now[0] * NS))
+
+    def at(seconds, frame=False):
+        now[0] = seconds
+        if frame:
+            watch.heard("unsw")
+        watch()
+        return board.get("unsw").whole["data"]
+
+    return at
+
+
+def test_logger_that_is_dead_is_said_to_be_silent_after_three_of_its_own_pauses(store, board):
+    """It was "data good, the latest window is good" for 24 hours."""
+    at = of_windows(store, board, 5)
+    assert at(3 * EVERY - 10)["level"] == "ok"
+    data = at(3 * EVERY + 10)
+    assert data["level"] == "stale" and data["since"] == "2023-11-14T22:53:20.000000000Z"
+    assert data["reason"].endswith("since 2023-11-14 22:53:20 UTC; usually a window comes every 10 min")
+    status = board.get("unsw").whole["status"]
+    assert status["level"] == "no_verdict" and "acquisition" in status["action"]
+
+
+def test_frames_that_come_again_end_the_silence(store, board):
+    at = of_windows(store, board, 5)
+    assert at(5 * EVERY)["level"] == "stale"
+    assert at(5 * EVERY + 5, frame=True)["level"] == "ok"
+    assert at(5 * EVERY + 5 + 3 * EVERY - 10)["level"] == "ok" and at(9 * EVERY)["level"] == "stale"
+
+
+def test_windows_that_wait_to_be_assessed_are_no_silence_while_frames_come(store, board):
+    at = of_windows(store, board, 5)
+    levels = [at(float(second), frame=True)["level"] for second in range(60, 3000, 60)]
+    assert set(levels) == {"ok"}
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_rhythm_of_too_few_windows_is_not_known(store, board, number):
+    assert of_windows(store, board, number)(20 * EVERY)["level"] == "ok"
+
+
+def test_unbroken_stream_is_not_silent_within_three_of_the_longest_frames():
+    seen = fakes.START_NS
+    assert silent(seen + 29 * NS, seen, 1.0) is None and silent(seen + 31 * NS, seen, 1.0) is not None
+    assert silent(seen + 10**6 * NS, seen, None) is None
+
+
+def test_usual_pause_is_not_that_of_a_weekend_or_of_a_clock_that_was_set_back():
+    minutes = (0, 10, 20, 30, 3910, 3920, 3900, 3930)
+    records = [{"start_time": f"2026-03-{1 + m // 1440:02d}T{m % 1440 // 60:02d}:{m % 60:02d}:00Z"} for m in minutes]
+    assert usual_pause(records) == pytest.approx(600.0)
+    assert usual_pause(records[:3]) is None and usual_pause([{"start_time": None}] * 9) is None
+
+
+@pytest.mark.parametrize("step", [-86_400.0, 86_400.0, 1e9])
+def test_clock_of_the_machine_that_steps_makes_nothing_silent_and_hides_no_silence(store, board, monkeypatch, step):
+    """Windows are dated by a clock that may step; silence is measured by one that cannot."""
+    for index in range(5):
+        fakes.take(store, board, "unsw", index, 10.0 + index)
+    now = [0.0]
+    last = board.get("unsw").received_ns
+    watch = StalenessWatch(store, board, Published(), A_DAY, clock=lambda: last + round(now[0] * NS))
+    watch()
+    now[0] = 60.0
+    board.update("unsw", received_ns=last + round(step * NS))  # the next window, by the clock after its step
+    watch()
+    assert board.get("unsw").whole["data"]["level"] == "ok"
+    now[0] = 60.0 + 3 * EVERY + 10
+    watch()
+    assert board.get("unsw").whole["data"]["level"] == "stale"
+
+
+def test_steady_clock_goes_on_where_the_machines_clock_steps(monkeypatch):
+    import time
+
+    before = steady_time_ns()
+    monkeypatch.setattr(time, "time_ns", lambda: 0)
+    assert 0 <= steady_time_ns() - before < 10 * NS

@@ -131,7 +131,7 @@ def test_value_out_of_range_is_named_with_unit_range_and_likely_cause(path, valu
         (
             "end_of_life.xyz",
             1,
-            "end_of_life.xyz is not a key of a rig file; known here: criterion, max_depth",
+            "end_of_life.xyz is not a key of a rig file; known here: criterion, max_depth, horizon_days",
         ),
         ("gears", 3, "gears must be a table, not 3"),
         ("gears.module", "2 mm", "gears.module = '2 mm' must be a number [m]"),

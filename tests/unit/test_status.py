@@ -30,8 +30,9 @@ from twin.assessment import (
     WearProfile,
     WindowAssessment,
 )
-from twin.attention import StatusLimits, horizon_of, probability_within
+from twin.attention import StatusLimits, probability_within, revolutions_ahead
 from twin.effects import EFFECTS
+from twin.rig import Rig
 
 HEALTHY = HealthyErrors(waveform=0.3)
 
@@ -49,7 +50,7 @@ def wear(depth=100e-6, valid=True, spread=1.1):
     )  # fmt: skip
 
 
-def life(median=1e6, spread=1.3, reached=False, limit=500e-6):
+def life(median=1e9, spread=1.3, reached=False, limit=500e-6):
     revolutions = Interval(median=median, p05=median / spread, p95=median * spread)
     return Life(
         criterion="max_depth", limit=limit, reached=reached, revolutions=revolutions,
@@ -97,10 +98,10 @@ def test_machine_that_is_explained_and_far_from_its_end_of_life_is_normal():
         (
             {"life": life(500.0)},
             "alarm",
-            "within 1,000 revolutions (0.0278 h, 10 % of the revolutions so far) with a probability of 100 %",
-            "Replace the gear pair within 0.0107 h of operation",
+            "within 30 days of operation with a probability of 100 %",
+            "Replace the gear pair within 38 s of operation",
         ),
-        ({"life": life(1250.0)}, "watch", "with a probability of 8 %", "Prepare the replacement"),
+        ({"life": life(32.4e6)}, "watch", "with a probability of 8 %", "Prepare the replacement"),
         ({"wear": wear(410e-6)}, "watch", "410 µm of 500 µm (82 %)", "Plan the replacement of the gear pair"),
         ({"wear": wear(399e-6, spread=1.3)}, "watch", "95th percentile is 518.7 µm", "measure the wear depth"),
         ({"effects": (effect("misalignment"),)}, "watch", "lead gap 30 µm", "Check the alignment of the shafts"),
@@ -268,7 +269,7 @@ SUPPORTED = replace(PRELIMINARY, before=EstablishedBefore(windows=6, revolutions
 )
 def test_preliminary_depth_that_earlier_windows_had_established_keeps_its_alarm(depth, spread, level, action):
     """The lower end of the band beyond the limit is the end of life; the median alone stops the machine to measure."""
-    reached = life(1e6, reached=depth > 500e-6)
+    reached = life(1e9, reached=depth > 500e-6)
     changes = {"wear": replace(wear(depth, spread=spread), preliminary=SUPPORTED)}
     status = status_of(replace(HEALTHY, **changes, life=replace(reached, preliminary=SUPPORTED)))
     assert status.level == level and status.action.startswith(action), status
@@ -295,17 +296,45 @@ def test_date_of_the_end_of_life_is_in_what_to_do():
         since_ns=0, running_share=0.5, source="observed", median_ns=None, p05_ns=1_700_000_000 * 10**9, p95_ns=None
     )
     status = status_of(replace(HEALTHY, life=replace(life(500.0), date=date)))
-    assert status.action.startswith("Replace the gear pair before 2023-11-14 22:13 UTC, that is within 0.0107 h")
+    assert status.action.startswith(
+        "Replace the gear pair before 2023-11-14 22:13 UTC, that is within 38 s of operation"
+    )
 
 
-def test_horizon_is_the_wider_of_the_stated_hours_and_the_share_of_the_revolutions():
-    hours = StatusLimits(horizon_time=3600.0)
-    assert horizon_of(10_000.0, 10.0).stated is False and horizon_of(10_000.0, 10.0, hours).revolutions == 36_000.0
-    assert horizon_of(None, 10.0) is None and horizon_of(None, 10.0, hours).time == 3600.0
-    far = replace(HEALTHY, life=life(30_000.0))
-    assert status_of(far).level == "normal"
-    status = status_of(far, hours)
-    assert status.level == "alarm" and "36,000 revolutions (1 h, the stated horizon)" in status.reasons[0]
+def of_days(days):
+    """A machine that turns ten times a second, with a life of so many days of running without a break."""
+    return life(days * 86_400 * 10.0, spread=1.05)
+
+
+@pytest.mark.parametrize(("days", "level"), [(0.02, "alarm"), (29.0, "alarm"), (31.0, "watch"), (40.0, "normal")])
+def test_life_is_looked_at_against_thirty_days_whatever_the_machine_has_run_so_far(days, level):
+    """A machine with 26 minutes left was `normal`, because it had run for an hour only."""
+    for run in (None, 0.0, 2500.0, 1e9):
+        found = replace(HEALTHY, life=of_days(days), window=replace(HEALTHY.window, revolutions=run))
+        assert status_of(found).level == level
+
+
+def test_horizon_is_calendar_time_where_the_running_time_a_day_is_known():
+    def used(share):
+        date = LifeDate(
+            since_ns=0, running_share=share, source="rig file", median_ns=None, p05_ns=None, p95_ns=None
+        )  # fmt: skip
+        return replace(HEALTHY, life=replace(of_days(12.0), date=date))
+
+    assert status_of(used(0.25)).level == "normal"  # 12 days of running are 48 by the calendar
+    status = status_of(used(0.5))
+    assert status.level == "alarm" and "within 30 days with" in status.reasons[0]
+    assert revolutions_ahead(used(0.25).life) == 30 * 86_400 * 0.25 * 10.0
+
+
+def test_horizon_can_be_set_for_all_machines_and_for_one():
+    found = replace(HEALTHY, life=of_days(40.0))
+    assert status_of(found, StatusLimits(horizon=60 * 86_400.0)).level == "alarm"
+    rig = Rig.from_mapping({"end_of_life": {"max_depth": 5e-4, "horizon_days": 90}})
+    limits = StatusLimits(horizon=3600.0).of_rig(rig)
+    assert limits.horizon == 90 * 86_400 and "within 90 days" in status_of(found, limits).reasons[0]
+    assert StatusLimits(horizon=3600.0).of_rig(Rig.from_mapping({})).horizon == 3600.0
+    assert status_of(replace(HEALTHY, life=of_days(0.1)), StatusLimits(horizon=0.0)).level == "normal"
 
 
 def test_since_is_when_the_level_was_reached():

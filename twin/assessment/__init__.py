@@ -61,6 +61,7 @@ from twin.assessment.indicators import GearIndicators, SensorIndicators
 from twin.assessment.mistake import Mistake
 from twin.assessment.modulation import Modulation, SidebandPair
 from twin.assessment.values import FLANKS, Interval, ParameterValue, SpectralLine, Unavailable
+from twin.assessment.verdict import LevelExcess, VerdictWindow
 from twin.assessment.wear import (
     EstablishedBefore,
     FlankProfile,
@@ -72,6 +73,7 @@ from twin.assessment.wear import (
     LifeDate,
     ModelValidity,
     Preliminary,
+    RateChange,
     RelationOrigin,
     Wear,
     WearGrowth,
@@ -115,6 +117,7 @@ __all__ = [
     "InspectionResult",
     "Interval",
     "LeftOut",
+    "LevelExcess",
     "LevelReading",
     "LevelWear",
     "Life",
@@ -133,6 +136,7 @@ __all__ = [
     "ParameterValue",
     "PossibleCause",
     "Preliminary",
+    "RateChange",
     "RawLimit",
     "RawMeasure",
     "RelationOrigin",
@@ -152,6 +156,7 @@ __all__ = [
     "Unavailable",
     "Unexplained",
     "UpdateEvent",
+    "VerdictWindow",
     "Wear",
     "WearGrowth",
     "WearProfile",

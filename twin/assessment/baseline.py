@@ -106,6 +106,8 @@ class BaselineAssessment:
     raw_limit: RawLimit | None = None  # of the window or recording that was compared
     not_learned: tuple[str, ...] = ()  # channels of recordings that could not be used, and copies
     sufficiency: BaselineSufficiency | None = None
+    days: int = 0  # on which the windows were recorded
+    loads: int = 0  # operating conditions at which they were
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -106,7 +106,6 @@ class EffectAssessment:
     parameters: Mapping[str, ParameterValue]
     evidence: Evidence
     status: str | None = "found"  # or suspected, accepted, pinned; None where it is judged anew in each window
-    explained: float | None = None  # share of a channel's held-out error, squared, that it takes away
     error_before: HeldOutErrors = field(default_factory=HeldOutErrors)
     error_after: HeldOutErrors = field(default_factory=HeldOutErrors)
     moved_lines: tuple[MovedLines, ...] = ()  # on held-out windows; () where it moves none beyond their scatter

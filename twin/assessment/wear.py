@@ -90,6 +90,15 @@ class WearGrowth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RateChange:
+    """A change of the wear rate that is surely larger than its limit."""
+
+    factor: float  # rate since the change over the rate before
+    revolutions: float  # of the pinion at the change
+    windows: int  # after it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wear:
     """Wear by the model of the machine."""
 
@@ -105,6 +114,7 @@ class Wear:
     preliminary: Preliminary | None = None  # None where the depth is established
     growth: WearGrowth | None = None  # where no window has seen the gears new
     inspected: InspectionResult | None = None  # where inspections are part of the estimate
+    rate_change: RateChange | None = None  # None where the wear rate has not changed by a large factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from twin.assessment.effects import EffectAssessment, Residual, Unexplained
 from twin.assessment.encoder_pair import EncoderPair
 from twin.assessment.modulation import Modulation
 from twin.assessment.values import Unavailable
+from twin.assessment.verdict import LevelExcess, VerdictWindow
 from twin.assessment.wear import LevelWear, Life, Wear
 from twin.assessment.window import WindowAssessment
 
@@ -73,3 +74,5 @@ class Assessment:
     modulation: tuple[Modulation, ...] | None = None  # of the latest window; None where it was not examined
     events: tuple[Event, ...] = ()
     revolutions: float | None = None  # of the pinion so far, where no window is in the answer
+    level_excess: LevelExcess | None = None  # of the latest window
+    verdict: VerdictWindow | None = None  # the window that the verdict rests on; None before the first window

@@ -42,9 +42,11 @@ from twin.baseline.sufficiency import left_out_of, sufficiency_of
 from twin.baseline.verdict import with_raw_limit
 from twin.errors import NotAvailable
 from twin.features.angle import AngleTrack
+from twin.learned_limits import OperatingPoint
 from twin.rig import Rig
 from twin.windows import Window
 
+DAY_NS = 86_400 * 10**9
 NO_DEPTH = "the rig file gives no model of the machine: a healthy baseline shows changes, not the depth of wear"
 
 
@@ -207,7 +209,19 @@ def described(
         raw_limit=raw,
         not_learned=(*baseline.copies, *(one.text for one in baseline.not_learned)),
         sufficiency=sufficiency_of(baseline),
+        days=len({r.start_time_ns // DAY_NS for r in baseline.readings}),
+        loads=loads_of(baseline.readings),
     )
+
+
+def loads_of(readings: Sequence[WindowReading]) -> int:
+    """At how many operating conditions windows were recorded."""
+    found: list[OperatingPoint] = []
+    for reading in readings:
+        point = OperatingPoint(speed=reading.speed_hz, torque=reading.torque_nm)
+        if not any(point.matches(known) for known in found):
+            found.append(point)
+    return len(found)
 
 
 def unattributed_lines(

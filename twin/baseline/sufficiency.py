@@ -9,7 +9,7 @@ Holds    for the number of recordings as for that of their operating points: rec
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import isfinite
 
@@ -143,14 +143,27 @@ def load_range(baseline: Baseline) -> tuple[float, float] | None:
     return float(loads.min()), float(loads.max())
 
 
-def range_of(baseline: Baseline) -> str:
-    """The learned operating points in words: the load in per cent of the rated one where that is known."""
+def range_of(baseline: Baseline, at: Iterable[float] = ()) -> str:
+    """The learned operating points in words: the load in per cent of the rated one where that is known.
+
+    at  a point on the baseline's axes from which the ends of the range are to be told
+    """
     load = load_range(baseline)
     axes = [axis for axis in baseline.axes if axis != "torque_nm" or load is None]
-    parts = [f"{low:.5g} to {high:.5g} {UNITS[axis]}" for axis, (low, high) in baseline.range.items() if axis in axes]
+    points = dict(zip(baseline.axes, at, strict=False))
+    parts = []
+    for axis, ends in baseline.range.items():
+        if axis in axes:
+            digits = digits_apart(*ends, *((points[axis],) if axis in points else ()))
+            parts.append(" to ".join(f"{end:.{digits}g}" for end in ends) + f" {UNITS[axis]}")
     if load is not None:
         parts.insert(0, f"load {100 * load[0]:.0f}–{100 * load[1]:.0f} %")
     return ", ".join(parts)
+
+
+def digits_apart(*values: float) -> int:
+    """Significant digits, at least 5, with which numbers that differ are written differently."""
+    return next((n for n in range(5, 12) if len({f"{v:.{n}g}" for v in values}) == len(set(values))), 12)
 
 
 def _one_point(baseline: Baseline, limits: SufficiencyLimits) -> bool:

@@ -15,7 +15,7 @@ from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.operating import UNITS
 from twin.baseline.repeats import MISFIT
 from twin.baseline.shaft_names import shaft_name
-from twin.baseline.sufficiency import range_of, thin_for_teeth
+from twin.baseline.sufficiency import digits_apart, range_of, thin_for_teeth
 from twin.thresholds import deciding
 
 PATHS_OF_SENSORS = ("sensor_gain", "sensor_resonance")
@@ -130,9 +130,12 @@ def unnamed(paths: Sequence[Named]) -> str:
 def beyond_range(baseline: Baseline, compared: BaselineComparison) -> str:
     """That a window's operating point lies outside the learned ones."""
     at = baseline.operating_point(compared.reading)
-    here = ", ".join(f"{v:.5g} {UNITS[axis]}" for axis, v in zip(baseline.axes, at, strict=True))
+    here = ", ".join(
+        f"{v:.{digits_apart(v, *baseline.range[axis])}g} {UNITS[axis]}"
+        for axis, v in zip(baseline.axes, at, strict=True)
+    )
     return (
-        f"the operating point ({here}) lies beyond the baseline's ({range_of(baseline)}): "
+        f"the operating point ({here}) lies beyond the baseline's ({range_of(baseline, at)}): "
         "another load or speed, or a wrong sampling rate; small effects would not be seen"
     )
 

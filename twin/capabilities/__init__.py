@@ -16,6 +16,7 @@ from twin.capabilities import (
     condition_indicators,
     detectable,
     encoder_pair,
+    learned_level,
     level_relation,
     likely_mistakes,
     mesh_bands,
@@ -51,4 +52,5 @@ CAPABILITIES: tuple[Capability, ...] = (
     likely_mistakes,
     condition_indicators,
     detectable,
+    learned_level,
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from twin.assessment import EffectAssessment, EffectEvent, Unexplained
 from twin.baseline.comparison import BaselineResult, compare_levels, compare_with_baseline, described, tracked
 from twin.baseline.learned import Baseline
@@ -38,7 +40,8 @@ def assess(context: Context, draft: Draft) -> Draft:
         baseline=described(baseline, result.windows[0] if result.windows else None, result.raw_limit),
         unattributed_lines=result.unattributed_lines,
     )
-    return draft.with_latest(baseline=parts).with_parts(
+    draft = replace(draft, judged=True).with_latest(baseline=parts)
+    return draft.with_parts(
         residual=parts.residual,
         effects=effects,
         unexplained=parts.unexplained,

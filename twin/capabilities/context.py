@@ -60,6 +60,7 @@ class Draft:
     state: State
     assessment: Assessment
     modelled: bool = False  # whether the twin of the machine was updated by this window
+    judged: bool = False  # whether this window was assessed by what the machine is judged by
 
     @property
     def record(self) -> WindowAssessment:
@@ -108,6 +109,7 @@ def answer_as_of(rig: Rig, state: State, reason: str) -> Assessment:
         baseline=None if compared is None else compared.baseline,
         encoder_pair=latest.encoder_pair,
         unattributed_lines=None if compared is None else compared.unattributed_lines,
+        verdict=state.rhythm.verdict_window(),
     )
 
 

@@ -18,7 +18,8 @@ def assess(context: Context, draft: Draft) -> Draft:
     pair = context.pair
     if not isinstance(pair, EncoderPair):
         return draft if draft.state.latest.encoder_pair is not None else draft.with_parts(encoder_pair=pair)
-    draft = draft.with_latest(encoder_pair=pair).with_parts(
+    draft = replace(draft, judged=not draft.state.tracing.stages).with_latest(encoder_pair=pair)
+    draft = draft.with_parts(
         encoder_pair=pair,
         window=replace(draft.record, speed=pair.speed_mean),  # the mean through run-up and stop
     )

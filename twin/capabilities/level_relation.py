@@ -29,4 +29,4 @@ def assess(context: Context, draft: Draft) -> Draft:
     if isinstance(wear, Unavailable):
         return draft
     record = replace(draft.record, depth=wear.depth)
-    return replace(draft, state=replace(draft.state, levels=wear.levels)).with_parts(window=record)
+    return replace(draft, state=replace(draft.state, levels=wear.levels), judged=True).with_parts(window=record)

@@ -35,6 +35,7 @@ from twin.tracing.wear_alone import band_of_wear_alone
 from twin.updating.calibrated import calibration_of
 from twin.updating.history import WindowInput, update_window
 from twin.updating.life import life_of
+from twin.updating.rate_change import rate_change
 from twin.updating.residual import WindowResidual, residual_of_window, residual_over
 from twin.updating.running_time import dated
 from twin.updating.update import NEEDED, UpdateOutcome
@@ -84,6 +85,7 @@ def assess(context: Context, draft: Draft) -> Draft:
         state=replace(state, recent=recent, latest=latest_of(assessment), tracing=result.tracing, history=history),
         assessment=replace(assessment, window=record, events=tuple(events)),
         modelled=True,
+        judged=True,
     )
 
 
@@ -111,6 +113,7 @@ def answer_of(
         unexplained=with_unknown_content(tracing, replace(unexplained, struck=tracing.struck)),
         calibration=calibration_of(rig, outcome.memory),
         attribution=attribution_of(tracing),
+        verdict=state.rhythm.verdict_window(),
     )
 
 
@@ -127,7 +130,9 @@ def _wear_and_life(
         life = Unavailable(reason=f"remaining life is not available: {confidence.no_life}")
     if isinstance(life, Life):
         life = replace(life, preliminary=confidence.life)
-    return replace(wear, preliminary=confidence.depth), life
+    memory = outcome.memory
+    changed = rate_change(memory.rms_points if outcome.method == "rms" else memory.points)
+    return replace(wear, preliminary=confidence.depth, rate_change=changed), life
 
 
 def _why_none(tracing: Tracing, confidence: Confidence) -> str | None:

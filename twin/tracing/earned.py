@@ -309,12 +309,6 @@ def refused(tracing: Tracing) -> list[tuple[AttributedEffect, str]]:
     return [(item, reason) for _, item, reason in sorted(out, key=lambda o: o[0])[:1]]
 
 
-def explained_share(errors: EffectErrors) -> float:
-    """The largest share of a channel's held-out error, squared, that an effect takes away; 0 where none falls."""
-    shares = [1 - (c.after / c.before) ** 2 for c in errors.changes if c.claimed and c.before > 0]
-    return max(0.0, *shares) if shares else 0.0
-
-
 def certain_since(tracing: Tracing, item: AttributedEffect) -> float:
     """Revolutions from which an effect is certainly there: of the first fitted window after its onset."""
     onset = item.addition.onset_revolutions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from twin.assessment import Attribution, DepthPair, EffectAssessment, HeldOutErrors
 from twin.rig import Rig
 from twin.structure_spread import DRAWN, is_estimated
-from twin.tracing.earned import explained_share, judged
+from twin.tracing.earned import judged
 from twin.tracing.growth import growth_of
 from twin.tracing.log import evidence_of
 from twin.tracing.state import EffectErrors, Tracing, TwinStage, parameters_of, relevant
@@ -40,7 +40,6 @@ def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
                 onset_std=item.onset_std,
                 growth=growth_of(item, latest),
                 caveats=_caveats(rig, item.addition.effect.facts.detector, status, verdict.reason),
-                explained=explained_share(errors),
             )
         )
     return tuple(out)

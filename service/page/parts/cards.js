@@ -46,13 +46,13 @@ function depthCard({ wear }, machine) {
     inspected, tag(wear));
 }
 
-// Life counts wear alone: where the state asks to stop for something else, the card must not calm.
-const aloneOf = ({ findings }) => ((findings ?? []).some((f) => f.level === "alarm" && f.subject.startsWith("effect"))
+// Life counts wear alone: where other damage is found, the card must not calm.
+const aloneOf = ({ of_wear_alone: alone }) => (alone
   ? element("p", { className: "more" }, element("span", { className: "badge bad" }, "of wear alone"), " the damage found is not counted in") : "");
 
-function lifeCard({ rul, status }) {
+function lifeCard({ rul }) {
   if (!isAvailable(rul)) return null;
-  const alone = aloneOf(status);
+  const alone = aloneOf(rul);
   const { hours, reached, reason, speed_hz: speed, torque_nm: torque } = rul;
   const date = isAvailable(rul.date) ? rul.date : null;
   if (reached) {
@@ -62,7 +62,7 @@ function lifeCard({ rul, status }) {
   if (!isAvailable(hours)) return null;
   const point = `at ${number(speed)} Hz and ${number(torque)} N·m`;
   if (!Number.isFinite(hours.median)) {
-    return card("Remaining life", `at least ${duration(hours.p05)}`, "", reason && sentence(reason), tag(rul));
+    return card("Remaining life", `at least ${duration(hours.p05)}`, "", reason && sentence(reason), alone, tag(rul));
   }
   return card("Remaining life", duration(hours.median), "of running",
     `5–95 %: ${duration(hours.p05)} – ${Number.isFinite(hours.p95) ? duration(hours.p95) : "no upper bound"}, ${point}`,
@@ -96,8 +96,12 @@ function indicatorCard(last) {
 const EXPLAINED = { explained: "the model explains the vibration", unknown_effect: "part of the vibration has an unknown cause",
   insufficient_data: "whether the vibration is explained cannot be said yet" };
 
-function effectsCard({ effects, unexplained, baseline, wear, calibration }) {
-  const found = isAvailable(effects) ? effects : [];
+// What is new of the mesh's modulation counts as a change like any other.
+const newModulation = (modulation) => [...new Set((isAvailable(modulation) ? modulation : []).filter((m) => m.new)
+  .map((m) => `modulation ${m.per_turn} × per turn of the ${m.shaft}`))].map((name) => ({ name, label: name }));
+
+function effectsCard({ effects, modulation, unexplained, baseline, wear, calibration }) {
+  const found = [...(isAvailable(effects) ? effects : []), ...newModulation(modulation)];
   const learned = isAvailable(baseline);
   const judged = isAvailable(unexplained) ? unexplained.verdict : null;
   const verdict = judged === "explained" && learned ? "baseline and changes together explain the vibration" : EXPLAINED[judged];
@@ -129,10 +133,12 @@ function pairCards({ pair }) {
 
 function baselineCard({ baseline }) {
   if (!isAvailable(baseline)) return null;
-  const { recordings, sufficiency } = baseline;
+  const { recordings, sufficiency, days, loads } = baseline;
+  const many = recordings.length;
+  const on = days ? `recorded on ${days} day${days === 1 ? "" : "s"}, at ${loads} operating condition${loads === 1 ? "" : "s"}` : "";
   const judged = (sufficiency?.not_judged ?? []).map((n) => sentence(`${n.what}: ${n.reason}`));
   const load = sufficiency?.load_percent;
-  return card("Healthy baseline", `${sufficiency?.recordings ?? recordings.length} recordings`, "",
+  return card("Healthy baseline", `${many} window${many === 1 ? "" : "s"}`, "", on,
     sufficiency?.recordings_needed > sufficiency?.recordings ? `at least ${sufficiency.recordings_needed} are needed` : "",
     load ? `load ${number(load[0])} to ${number(load[1])} %` : "", ...judged);
 }

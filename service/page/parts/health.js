@@ -64,18 +64,28 @@ function retirement({ retired }) {
     `Out of use since ${dateTime(instant(retired.since))}${who}. New frames are left out; the state is that of the latest window.`);
 }
 
+// The window that the verdict rests on, where the state names it.
+function restsOn({ verdict }) {
+  if (!verdict || !Number.isFinite(verdict.window)) return "";
+  return `verdict of window ${verdict.window}, ${dateTime(instant(verdict.start_time))}`;
+}
+
+// The state in one sentence with one action; all reasons, and what is preliminary, are folded.
 export function health(state) {
   const { status } = state;
-  const [first = "", ...others] = shortened(state);
+  const [lead = "", ...others] = shortened(state);
+  const first = lead === status.reasons?.[0] && status.summary ? status.summary : lead;
+  const reasons = first === lead ? others : [lead, ...others];
+  const more = [...(reasons.length ? [element("ul", { className: "more-reasons" }, ...reasons.map((reason) => element("li", {}, sentence(reason))))] : []),
+    preliminary(state)].filter(Boolean);
   const data = dataOf(state);
   return element("section", { className: `panel health health-${status.level}`, "aria-label": "State of the machine" },
     element("div", { className: "head" }, levelBadge(status.level),
       ...(status.action ? [element("p", { className: "action" }, sentence(status.action))] : [])),
     retirement(state),
     element("p", { className: "reason" }, first && sentence(first)),
-    ...(others.length ? [element("ul", { className: "more-reasons" }, ...others.map((reason) => element("li", {}, sentence(reason))))] : []),
-    preliminary(state),
+    ...(more.length ? [element("details", { dataset: { key: `reasons ${state.asset}` } }, element("summary", {}, "More reasons, and what helps"), ...more)] : []),
     question(state.question, state.asset),
-    element("p", { className: "meta" }, ...[since(status), data ? dataBadge(state) : "", data ? data.reason : ""]
+    element("p", { className: "meta" }, ...[since(status), restsOn(status), data ? data.reason : ""]
       .filter(Boolean).flatMap((part, i) => (i ? [" · ", part] : [part]))));
 }

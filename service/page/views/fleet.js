@@ -32,12 +32,12 @@ function depthCell({ depth_um: depth, limit_um: limit, preliminary }) {
     Number.isFinite(depth.p95) ? small(`5–95 %: ${range(depth)} µm`) : "", preliminary ? small("preliminary") : "");
 }
 
-function lifeCell({ life_hours: hours, preliminary }) {
+function lifeCell({ life_hours: hours, life_of_wear_alone: alone, preliminary }) {
   if (!hours) return "–";
   const known = Number.isFinite(hours.median);
   return element("span", {}, hours.median === 0 ? "limit reached" : known ? duration(hours.median) : `at least ${duration(hours.p05)}`,
     known && hours.p95 > 0 ? small(`5–95 %: ${duration(hours.p05)} – ${duration(hours.p95)}`) : "",
-    preliminary ? small("preliminary") : "");
+    alone && hours.median !== 0 ? element("span", { className: "badge bad" }, "of wear alone") : "", preliminary ? small("preliminary") : "");
 }
 
 function seenCell(asset) {
@@ -53,7 +53,7 @@ function stateCell(asset) {
       `${alarms.unacknowledged} alarm${alarms.unacknowledged === 1 ? "" : "s"} not acknowledged`) : "";
   return element("div", { className: "state" }, levelBadge(status?.level), open,
     status?.action ? element("strong", { className: "action" }, status.action) : "",
-    element("span", { className: "reason" }, status?.reasons?.length ? sentence(status.reasons[0]) : ""),
+    element("span", { className: "reason" }, status?.summary || status?.reasons?.length ? sentence(status.summary || status.reasons[0]) : ""),
     asset.retired ? element("span", { className: "badge" }, "retired") : "",
     question ? element("span", { className: "badge warn" }, "a question is open") : "");
 }

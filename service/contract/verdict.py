@@ -1,0 +1,106 @@
+"""`status.verdict`: the window that the verdict rests on, its age, and what is said where it no longer holds.
+
+A verdict belongs to the windows that it was made from. Where windows have come since that were not assessed, for longer
+than 3 times the machine's usual time between assessed windows (twin/verdict_window.py), there is no verdict at present;
+before that the status says so beside its level. Either way an alarm that stands stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from pydantic import Field
+
+from service.contract.base import ContractModel, iso_time, spoken_time
+from service.contract.finding import Finding, cause, sentence
+from twin.verdict_age import NS, outdated
+
+if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
+    from twin.assessment import VerdictWindow
+
+SUBJECT = "verdict"
+ACTION = "Record a window under the load, direction and steady speed of those that were assessed."
+
+
+class Verdict(ContractModel):
+    """The window that the verdict rests on."""
+
+    window: int | None = Field(description="index of the latest assessed window; null where none has been assessed")
+    start_time: str | None = Field(description="its start, ISO 8601")
+    age_s: float | None = Field(description="from its start to that of the latest window")
+    usual_s: float | None = Field(description="usual time between assessed windows of this machine")
+    not_assessed: int = Field(description="windows since, none of which was assessed")
+    reason: str | None = Field(default=None, description="why the latest of them was not")
+
+    @classmethod
+    def of(cls, found: VerdictWindow) -> Verdict:
+        start = found.start_time_ns
+        return cls(
+            window=found.index,
+            start_time=None if start is None else iso_time(start),
+            age_s=None if start is None else max(found.latest_ns - start, 0) / NS,
+            usual_s=found.usual,
+            not_assessed=found.since,
+            reason=found.reason or None,
+        )
+
+    def with_records(self, records: Sequence[Mapping[str, Any]]) -> Verdict:
+        """The same as of the latest of the window records, which may be refused or wait unseen by the twin."""
+        if self.window is None or self.start_time is None:
+            return self
+        later = [r for r in records if (r.get("index") or 0) > self.window]
+        times = [t for t in (seconds_between(self.start_time, r.get("start_time")) for r in later) if t is not None]
+        if not later or len(later) < self.not_assessed:
+            return self
+        return self.model_copy(
+            update={
+                "not_assessed": len(later),
+                "age_s": max((0.0, *times)),
+                "reason": later[-1].get("reason") or next(iter(later[-1].get("notes") or ()), None) or self.reason,
+            }
+        )
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether it no longer holds."""
+        return self.window is not None and outdated(self.age_s, self.usual_s, self.not_assessed)
+
+    def finding(self) -> Finding | None:
+        """That there is no verdict on the latest windows; None where the verdict holds."""
+        if not self.is_outdated:
+            return None
+        return Finding(subject=SUBJECT, level="no_verdict", reason=self.sentence(), action=ACTION)
+
+    @property
+    def _moment(self) -> str:
+        return f"{(self.start_time or '')[:16].replace('T', ' ')} UTC"
+
+    def summary(self) -> str:
+        """In a few words, as of when a state is that has not been assessed since."""
+        many = self.not_assessed > 1
+        which = f"the latest {self.not_assessed} windows were" if many else "the latest window was"
+        return (
+            f"As of {(self.start_time or '')[:16].replace('T', ' ')} UTC, window {self.window}; {which} not assessed."
+        )
+
+    def sentence(self) -> str:
+        """Which windows were not assessed and why, and which window the verdict rests on; empty where all were."""
+        if not self.not_assessed or self.window is None:
+            return ""
+        many = self.not_assessed > 1
+        which = f"The latest {self.not_assessed} windows were" if many else "The latest window was"
+        span = f" ({spoken_time(self.age_s)} earlier)" if self.age_s else ""
+        why = f": {cause(self.reason).removesuffix('.')}" if self.reason else ""
+        return sentence(f"{which} not assessed{why}; the verdict is of window {self.window}, {self._moment}{span}")
+
+
+def seconds_between(first: str, second: str | None) -> float | None:
+    """Time between two moments in ISO 8601 [s]; None where the second is not known."""
+    if second is None:
+        return None
+    try:
+        return (datetime.fromisoformat(second) - datetime.fromisoformat(first)).total_seconds()
+    except ValueError:
+        return None

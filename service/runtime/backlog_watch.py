@@ -1,0 +1,57 @@
+"""Which windows wait to be assessed, since when and behind which machines: shown where that has changed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+
+from service.results.board import Board, Waiting
+from service.runtime.computing import Computing
+from service.runtime.lane import Lane
+from service.runtime.lanes import Lanes
+from service.runtime.state_publication import StatePublication
+
+LOOK_EVERY = 1.0  # [s]
+SHOWN_AFTER = 2.0  # how long the oldest window has waited before it is said to wait [s]
+
+
+class BacklogWatch:
+    """Called between frames."""
+
+    def __init__(
+        self,
+        lanes: Lanes,
+        computing: Computing,
+        board: Board,
+        publication: StatePublication,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._lanes, self._computing, self._board, self._publication = lanes, computing, board, publication
+        self._clock, self._looked = clock, float("-inf")
+
+    def __call__(self) -> None:
+        """Looks at what waits, if that is due."""
+        now = self._clock()
+        if now - self._looked < LOOK_EVERY:
+            return
+        self._looked = now
+        at_work = frozenset(self._computing.at_work())
+        for lane in self._lanes.all():
+            shown = self._board.get(lane.asset)
+            found = waiting_of(lane, at_work)
+            if shown is not None and shown.waiting != found:
+                self._board.update(lane.asset, waiting=found)
+                self._publication.publish(lane.asset)
+
+
+def waiting_of(lane: Lane, at_work: Collection[str]) -> Waiting | None:
+    """What waits in an asset's lane; None where nothing has waited for long. Windows that wait for people do not count.
+
+    at_work  the assets whose twins compute now
+    """
+    entry = lane.next_entry()
+    if entry is None or lane.all_wait or entry.journey.waited < SHOWN_AFTER:
+        return None
+    behind = () if lane.asset in at_work else tuple(sorted(at_work))
+    return Waiting(windows=len(lane.entries) - lane.held, since_ns=entry.journey.closed_ns, behind=behind)
