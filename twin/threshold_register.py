@@ -21,12 +21,15 @@ from twin.baseline.modulation import NewModulationThresholds
 from twin.baseline.off_line_changes import OffLineThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
+from twin.baseline.recordings import RecordingThresholds
+from twin.baseline.repeats import RepeatThresholds
 from twin.baseline.sensor_timing import TimingThresholds
 from twin.baseline.spacing import SpacingThresholds
 from twin.baseline.spacing_search import SpacingSearchThresholds
 from twin.baseline.sufficiency import SufficiencyLimits
 from twin.baseline.transfer_path import PathThresholds
 from twin.baseline.turn_impacts import TurnImpactThresholds
+from twin.baseline.usable import UsableThresholds
 from twin.baseline.verdict import DiagnosisThresholds
 from twin.detectability.machines import HealthySpread
 from twin.detectability.nulls import NullThresholds
@@ -151,6 +154,9 @@ SETS: tuple[type, ...] = (
     NewModulationThresholds,
     BaselineOperatingThresholds,
     ReadingThresholds,
+    RecordingThresholds,
+    RepeatThresholds,
+    UsableThresholds,
     LoadDirectionThresholds,
     LowFrequencyThresholds,
     OffLineThresholds,

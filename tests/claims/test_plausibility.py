@@ -184,6 +184,48 @@ def test_mains_hum_is_named_with_its_frequency(mains):
     only(window({"a1": vibration() + tones}), "hum", f"tones at multiples of {mains:.0f} Hz: 2.9", "ground loop")
 
 
+def motor_lines(speed, orders=range(1, 13)):
+    """Lines at multiples of a motor's speed, some of them strong, in noise."""
+    t = np.arange(int(SECONDS * RATE)) / RATE
+    rng = np.random.default_rng(3)
+    strong = {2: 3.0, 4: 1.5, 8: 1.0}
+    tones = sum(strong.get(n, 0.3) * np.cos(2 * np.pi * n * speed * t + rng.uniform(0, 6)) for n in orders)
+    return tones + 0.2 * rng.normal(size=t.size)
+
+
+def untimed(values):
+    return Window(start_time_ns=0, accelerations={"a1": Samples(start=0.0, rate=RATE, values=values)})
+
+
+def without_teeth(stated=None):
+    return Rig.from_mapping({"operating": {"pinion_speed_hz": stated}} if stated else {})
+
+
+@pytest.mark.parametrize("speed", [29.94, 24.95, 16.65, 12.48])
+@pytest.mark.parametrize("stated", [False, True])
+def test_harmonics_of_a_motor_are_no_mains_hum(speed, stated):
+    """Harmonics 2, 4 and 8 of a motor at 29.94 Hz were "mains hum", with all of 1 to 12 there."""
+    given = untimed(motor_lines(speed))
+    assert [m for m in mistakes_of(without_teeth(speed if stated else None), given) if m.kind == "hum"] == []
+
+
+def test_a_single_line_at_twice_a_stated_speed_is_no_mains_hum():
+    given = untimed(motor_lines(29.94, (2, 4)))
+    assert [m for m in mistakes_of(without_teeth(29.9), given) if m.kind == "hum"] == []
+    assert [m.kind for m in mistakes_of(without_teeth(17.3), given) if m.kind == "hum"] == ["hum"]
+
+
+def test_a_tone_that_no_grid_has_is_no_mains_hum():
+    given = untimed(motor_lines(29.85, (2,)))
+    assert [m for m in mistakes_of(without_teeth(), given) if m.kind == "hum"] == []
+
+
+def test_mains_hum_beside_a_turning_motor_is_still_named():
+    t = np.arange(int(SECONDS * RATE)) / RATE
+    given = untimed(motor_lines(23.4) + 4 * np.cos(2 * np.pi * 50.01 * t))
+    assert [m.kind for m in mistakes_of(without_teeth(23.4), given) if m.kind == "hum"] == ["hum"]
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_alone_says_nothing(seed):
     noise = np.random.default_rng(seed).normal(size=int(SECONDS * RATE))

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.baseline.learned import Baseline
-from twin.baseline.operating import LEAST_RANGE
+from twin.baseline.operating import varies
 from twin.baseline.reading import WindowReading
 from twin.baseline.recordings import recording_of
 from twin.thresholds import deciding
@@ -135,7 +135,7 @@ def off_line_changes(
             continue
         names = tuple(name for name in here if all(name in values for _, values in known))
         u = np.array([baseline.operating_point(r) for r, _ in known])
-        varied = np.ptp(u, axis=0) > LEAST_RANGE * np.abs(u).mean(axis=0)  # the wander about one point is no load
+        varied = varies(u)  # the wander about one point is no load
         u, at = u[:, varied], baseline.operating_point(reading)[varied]
         learned, now = np.array([[v[n] for n in names] for _, v in known]), np.array([here[n] for n in names])
         change, spread = _deviations(u, learned, at, now, names, wider)

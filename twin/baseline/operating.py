@@ -30,7 +30,8 @@ from twin.baseline.reading import WindowReading
 from twin.errors import NotAvailable
 from twin.thresholds import deciding
 
-LEAST_RANGE = 0.01  # of the mean, below which recordings lie at one operating point: half of a usual motor's slip
+ONE_POINT = 0.002  # of the mean, up to which recordings lie at one operating point: SufficiencyLimits.same_speed
+WIDTH_OF_POINT = 0.01  # of the mean, that takes the place of the range there: half of a usual motor's slip
 SMOOTHNESS = 1.5  # p: between a random walk and a straight line
 
 
@@ -134,8 +135,13 @@ def distance_beyond(points: np.ndarray, at: np.ndarray) -> float:
 
 def _scaled(points: np.ndarray, values: np.ndarray) -> np.ndarray:
     low, width = points.min(axis=0), np.ptp(points, axis=0)
-    least = LEAST_RANGE * np.abs(points).mean(axis=0)  # recordings at one point: their wander is no range
-    return (values - low) / np.maximum(np.maximum(width, least), 1e-300)
+    wide = WIDTH_OF_POINT * np.abs(points).mean(axis=0)  # recordings at one point: their wander is no range
+    return (values - low) / np.maximum(np.where(varies(points), width, wide), 1e-300)
+
+
+def varies(points: np.ndarray) -> np.ndarray:
+    """Whether points (n, d) differ on each axis by more than they wander about one operating point (d,)."""
+    return np.asarray(np.ptp(points, axis=0) > ONE_POINT * np.abs(points).mean(axis=0))
 
 
 def _along(place: np.ndarray, u: float) -> dict[int, float] | None:

@@ -171,9 +171,12 @@ class _Tones:
         """Frequency and amplitude of the tone within a reach of a frequency [Hz]; None where there is none."""
         width = max(3, int(reach / self.step))
         middle = round(frequency / self.step)
-        if middle - width < 0 or middle + width >= self.floor.size:
+        beside = width + int(self.resolution / self.step)  # the flank of a line beyond is no tone of its own
+        if middle - beside < 0 or middle + beside >= self.floor.size:
             return None
-        at = middle - width + int(np.argmax(self.amplitude[middle - width : middle + width + 1]))
+        at = middle - beside + int(np.argmax(self.amplitude[middle - beside : middle + beside + 1]))
+        if abs(at - middle) > width:
+            return None
         if 20 * np.log10(self.amplitude[at] / max(float(self.floor[at]), 1e-300)) < self.least:
             return None
         return at * self.step, float(self.amplitude[at])
