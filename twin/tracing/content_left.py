@@ -36,7 +36,6 @@ from twin.tracing.unknown_words import CHANNEL_NAMES, OTHER_PATH
 from twin.updating.history import WindowInput
 
 MOST_SAID = 3  # lines of a channel in a sentence
-SAME = 1e-4  # orders within which two lines are one
 UNITS = {"acceleration": (1.0, "m/s²"), "encoder": (1e6, "µm"), "torque": (1.0, "N·m")}
 
 
@@ -55,6 +54,9 @@ class ContentLeftThresholds:
     )
     same_size: float = deciding(
         2.0, meaning="scatter of a level over that of its noise, above which its growth is stated", source="convention"
+    )
+    same_order: float = deciding(
+        1e-4, unit="order", meaning="distance within which two orders are one", source="rounding of products of teeth"
     )
     windows_share: float = deciding(
         0.6, of="windows", meaning="share of them that must show a line", source="as for lines of no shaft"
@@ -179,9 +181,9 @@ def _unread(history: Sequence[WindowInput], limits: ContentLeftThresholds) -> li
 def _owner(rig: Rig, order: float) -> str:
     """What a line of the shafts' own orders is, in words."""
     z1, z2 = rig.teeth
-    if abs(order - z1 * round(order / z1)) < SAME and round(order / z1):
+    if abs(order - z1 * round(order / z1)) < THRESHOLDS.same_order and round(order / z1):
         return f"mesh order {round(order / z1)}"
-    name = owner_of(order, rig.teeth, SAME)
+    name = owner_of(order, rig.teeth, THRESHOLDS.same_order)
     if name == PINION:
         return f"{_times(round(order))} of the pinion"
     if name == GEAR:
@@ -222,7 +224,7 @@ def _cause(rig: Rig, lines: Sequence[LeftLine], every: Sequence[LeftLine]) -> st
         shafts = sorted({_owner(rig, o.order).rsplit(" ", 1)[-1] for o in lines})
         return (
             "; no other channel shows them: the encoder's own disc, off its centre or out of round, on the shaft of "
-            f"the {' or the '.join(shafts)} makes such lines; those of a gear would show beside the mesh lines too"
+            f"the {' or the '.join(shafts)} makes such lines; a gear would make sidebands of the mesh, too"
         )
     if channel == "acceleration" and of_mesh:
         return "; the accelerometer, its mount or direction, its channel, or the path to it is not that of the rig file"
@@ -257,7 +259,9 @@ def _measured(channel: str, order: float, window: WindowInput) -> float | None:
     lines = by_name[channel]
     if lines is None:
         return None
-    near = [abs(y) for o, y in zip(lines.orders, lines.amplitudes, strict=True) if abs(o - order) < SAME]
+    near = [
+        abs(y) for o, y in zip(lines.orders, lines.amplitudes, strict=True) if abs(o - order) < THRESHOLDS.same_order
+    ]
     if not near and channel == "acceleration" and window.non_gear is not None:
-        near = [a for o, a in window.non_gear.shafts if abs(o - order) < SAME]
+        near = [a for o, a in window.non_gear.shafts if abs(o - order) < THRESHOLDS.same_order]
     return float(near[0]) if near else None

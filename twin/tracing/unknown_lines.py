@@ -54,7 +54,7 @@ class UnknownLineThresholds:
     )
     least_sidebands: int = deciding(
         5,
-        meaning="lines of all windows, beside more than one mesh line, that a modulation of the mesh must explain",
+        meaning="sidebands of all windows, of several mesh harmonics, that a modulation of the mesh must explain",
         source="derivation: two windows of 12 lines in half the distance of the mesh lines, 475 resolution steps, give "
         "five at one distance by chance in 1 of 1e5 campaigns",
     )
