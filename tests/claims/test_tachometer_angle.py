@@ -149,6 +149,7 @@ def test_a_modulation_of_three_per_cent_is_found_beside_such_pulses(rig, machine
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # 120 searches for spacings, 100 s on an idle core
 def test_of_sixty_machines_with_sampled_pulses_none_has_a_finding_and_nearly_all_show_a_modulation(rig):
     machines, chance = many(), np.random.default_rng(7)
     assert [m for m in machines if orders_without_shaft(rig, m.window())] == []
