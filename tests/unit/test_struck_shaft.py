@@ -10,9 +10,10 @@ from twin.attention import StatusLimits
 def findings(struck):
     rest = Unexplained(verdict="unknown_effect", reason="impacts", struck=struck)
     none = Unavailable(reason="no model")
-    return list(
-        _unknown(Assessment(window=None, wear=none, life=none, residual=none, unexplained=rest), StatusLimits())
+    answer = Assessment(
+        window=None, wear=none, life=none, residual=none, effects=(), unexplained=rest, calibration=none
     )
+    return list(_unknown(answer, StatusLimits()))
 
 
 @pytest.mark.parametrize("shaft", ["pinion", "gear"])
