@@ -97,7 +97,7 @@ class Compared(ContractModel):
     reason: str | None = Field(description="why it is not compared")
 
 
-class LeftOut(ContractModel):
+class LeavingOut(ContractModel):
     """What leaving each healthy recording out in turn has shown."""
 
     recordings: int = Field(description="left out in turn, or parts of them; 0 where there are too few")
@@ -107,7 +107,7 @@ class LeftOut(ContractModel):
     compared: list[Compared]
 
     @classmethod
-    def of(cls, found: assessment.LeftOut) -> LeftOut:
+    def of(cls, found: assessment.LeftOut) -> LeavingOut:
         return cls(
             recordings=found.recordings,
             false_alarms=found.false_alarms,
@@ -168,7 +168,7 @@ class Baseline(ContractModel):
     loads: int | None = Field(default=None, description="operating conditions at which they were")
     window: BaselineWindow | None = None
     sufficiency: Sufficiency | None = None
-    left_out: LeftOut | None = Field(None, description="what is compared, what not, and false alarms")
+    left_out: LeavingOut | None = Field(None, description="what is compared, what not, and false alarms")
     raw_limit: RawLimit | None = Field(None, description="of the window or recording that was compared")
     not_learned: list[str] = Field(default_factory=list, description="recordings' channels left out, and copies")
 
@@ -180,7 +180,7 @@ class Baseline(ContractModel):
         if baseline.sufficiency is not None:
             parts["sufficiency"] = Sufficiency.of(baseline.sufficiency)
         if baseline.left_out is not None:
-            parts["left_out"] = LeftOut.of(baseline.left_out)
+            parts["left_out"] = LeavingOut.of(baseline.left_out)
         if baseline.raw_limit is not None:
             parts["raw_limit"] = RawLimit.of(baseline.raw_limit)
         return cls(
