@@ -44,6 +44,7 @@ from twin.tracing.decisions import Decision
 from twin.tracing.stages import replay
 from twin.tracing.wear_alone import band_of_wear_alone
 from twin.updating.changing_speed import with_changing_speed
+from twin.updating.conditions import swing_of
 from twin.updating.history import WindowInput
 from twin.updating.inspections import Inspection, with_inspection
 from twin.updating.running_time import dated, with_mark
@@ -132,13 +133,14 @@ def _with_count_followed(
 
 def _window_input(signals: WindowSignals, state: State, features: WindowFeatures, options: Options) -> WindowInput:
     rig, window = signals.rig, signals.window
+    beside = non_gear_features(rig, window, signals=signals) if options.trace else None
     return WindowInput(
         index=state.windows_seen,
         features=features,
         level_fault=_fault_of(window, f"accel/{features.sensor}", LEVEL_FAULTS),
-        torque_fault=_fault_of(window, "torque/pinion", TORQUE_FAULTS),
+        torque_fault=_fault_of(window, "torque/pinion", TORQUE_FAULTS) or swing_of(beside, features.torque_nm),
         torque_unknown=_fault_of(window, "torque/pinion", NO_TORQUE),
-        non_gear=non_gear_features(rig, window, signals=signals) if options.trace else None,
+        non_gear=beside,
     )
 
 

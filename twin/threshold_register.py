@@ -116,7 +116,7 @@ from twin.tracing.unnamed_content import UnnamedThresholds
 from twin.updating.calibration import CalibrationFit, RigFilePrior
 from twin.updating.carried_over import CarriedOver
 from twin.updating.changing_speed import ChangingSpeed
-from twin.updating.conditions import ConditionMatch, LevelComparison, RevolutionCount
+from twin.updating.conditions import ConditionMatch, LevelComparison, RevolutionCount, SteadyTorque
 from twin.updating.depth import DepthModel
 from twin.updating.depth_band import BandModel
 from twin.updating.depth_search import DepthSearch
@@ -247,6 +247,7 @@ SETS: tuple[type, ...] = (
     Newness,
     RevolutionCount,
     LevelComparison,
+    SteadyTorque,
     ChangingSpeed,
     FallenCountThresholds,
     SameFlanksThresholds,

@@ -13,6 +13,7 @@ from twin.rig import Rig
 from twin.windows import Edges, Samples
 
 TEETH = (19, 52)
+BAND = (5.0, 2200.0)  # that tones are sought in [Hz]
 RATE, SECONDS, SPEED = 6400.0, 2.5, 10.0
 
 
@@ -44,7 +45,7 @@ def machine(seed, tones=(), wander=1.5e-3, speed=SPEED, noise=0.1, colour=0.0, r
 
 def test_a_tone_on_a_shaft_order_is_found_by_its_steadiness():
     # 50.003 Hz is order 5 of the pinion to within a hundredth of a window's resolution
-    found = window_tones(*machine(1, [(50.003, 1.0), (333.3, 0.5)]), TEETH)
+    found = window_tones(*machine(1, [(50.003, 1.0), (333.3, 0.5)]), TEETH, BAND)
     assert len(found) == 2
     for tone in found:
         truth, a = (50.003, 1.0) if tone.frequency < 100 else (333.3, 0.5)
@@ -56,7 +57,7 @@ def test_a_tone_on_a_shaft_order_is_found_by_its_steadiness():
 def test_uncertainties_are_those_of_the_scatter():
     errors = []
     for seed in range(24):
-        (tone,) = window_tones(*machine(seed, [(333.3, 0.3)]), TEETH)
+        (tone,) = window_tones(*machine(seed, [(333.3, 0.3)]), TEETH, BAND)
         errors.append(((tone.frequency - 333.3) / tone.frequency_std, (abs(tone.amplitude) - 0.3) / tone.std))
     f, a = np.sqrt(np.mean(np.square(errors), axis=0))
     assert 0.65 < f < 1.45 and 0.65 < a < 1.45  # 24 values: ± 14 %, and the misfit may widen them
@@ -66,26 +67,26 @@ def test_uncertainties_are_those_of_the_scatter():
 def test_noise_and_order_lines_alone_give_no_tone(colour):
     # 40 records at 1e-2 each: 0.4 expected, three or more have probability 0.008
     alarms = sum(
-        bool(window_tones(*machine(100 + seed, colour=colour, rate=3200.0), TEETH, false_alarm=1e-2))
+        bool(window_tones(*machine(100 + seed, colour=colour, rate=3200.0), TEETH, BAND, false_alarm=1e-2))
         for seed in range(40)
     )
     assert alarms < 3
 
 
 def test_at_a_steady_speed_nothing_is_claimed():
-    windows = [window_tones(*machine(seed, [(50.0, 1.0)], wander=0.0), TEETH) for seed in (1, 2)]
+    windows = [window_tones(*machine(seed, [(50.0, 1.0)], wander=0.0), TEETH, BAND) for seed in (1, 2)]
     assert non_gear_tones(windows, [SECONDS] * 2) == ()
 
 
 @pytest.mark.parametrize("wander", [1e-4, 3e-4, 1.5e-3])
 def test_a_line_locked_to_the_angle_at_a_strange_order_is_no_foreign_tone(wander):
-    windows = [window_tones(*machine(seed, strange=((7.31, 1.0),), wander=wander), TEETH) for seed in range(4)]
+    windows = [window_tones(*machine(seed, strange=((7.31, 1.0),), wander=wander), TEETH, BAND) for seed in range(4)]
     assert non_gear_tones(windows, [SECONDS] * 4) == ()
 
 
 def test_windows_together_are_surer_than_one_and_say_which_hold_the_tone():
     windows = [
-        window_tones(*machine(seed, [(150.0, 0.2)] if seed > 1 else [], speed=10 + 0.03 * seed), TEETH)
+        window_tones(*machine(seed, [(150.0, 0.2)] if seed > 1 else [], speed=10 + 0.03 * seed), TEETH, BAND)
         for seed in range(5)
     ]
     (tone,) = non_gear_tones(windows, [SECONDS] * 5)
@@ -98,7 +99,9 @@ def test_windows_together_are_surer_than_one_and_say_which_hold_the_tone():
 def campaign(shared, name):
     rig, _, windows = read_windows(shared / "campaigns" / f"{name}.mcap")
     rig = Rig.from_mapping(rig)
-    found = [window_tones(w.accelerations["y6"], pinion_angle(rig, w, w.accelerations), rig.teeth) for w in windows]
+    found = [
+        window_tones(w.accelerations["y6"], pinion_angle(rig, w, w.accelerations), rig.teeth, BAND) for w in windows
+    ]
     return non_gear_tones(found, [w.duration for w in windows]), found
 
 

@@ -31,7 +31,7 @@ from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.rig import Rig
 from twin.windows import Samples, Window
 
-HIGHEST_LINE = 2200.0  # acceleration lines are read up to here [Hz]
+BEYOND_BAND = 1.1  # acceleration lines are read up to so many times the upper end of the rig's band
 MOST_HARMONICS = 64
 SHAFT_ORDERS = 15  # shaft orders of transmission error are read below this order of the pinion
 TE_HARMONICS = 10
@@ -243,7 +243,7 @@ def _acceleration(out: _Collector, signals: WindowSignals, name: str) -> None:
         return
 
     def lines() -> MeasuredLines:
-        highest = min(HIGHEST_LINE, USABLE_RATE * samples.rate)
+        highest = min(BEYOND_BAND * rig.band[1], USABLE_RATE * samples.rate)
         keys = mesh_keys(_harmonics(track, rig.teeth, highest, MOST_HARMONICS), SIDEBAND_HARMONICS)
         keys += [(0, p, 0) for p in (1, 2, 3)]
         return read_lines(signal, keys, rig.teeth, "m/s²", _attenuated(signal, per_turn))

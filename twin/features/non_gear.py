@@ -33,13 +33,13 @@ from twin.errors import TwinError
 from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read_channels
 from twin.features.despike import without_spikes
 from twin.features.envelope import Carrier, kurtogram, modulations, without_shaft_lines
-from twin.features.extract import WindowSignals, reference
+from twin.features.extract import BEYOND_BAND, WindowSignals, reference
 from twin.features.impact_turns import leading_tooth, locked_lines
 from twin.features.off_orders import THRESHOLDS as OFF_ORDERS
 from twin.features.off_orders import OffOrders, WanderingTone, lines_of, wandering_tones
 from twin.features.resample import AngleSignal, on_angle
 from twin.features.shaft_orders import fractions, owner_of
-from twin.features.tones import CLOSE, Tone, window_tones
+from twin.features.tones import CLOSE, LOWEST, Tone, window_tones
 from twin.features.transforms import power_of
 from twin.rig import Rig
 from twin.serial import from_plain, to_plain
@@ -186,7 +186,7 @@ def non_gear_features(
         error = timing_error(window, track.source)
         tones = [
             tone
-            for tone in window_tones(samples, track, rig.teeth, signal=signal)
+            for tone in window_tones(samples, track, rig.teeth, (LOWEST, BEYOND_BAND * rig.band[1]), signal=signal)
             if not _may_be_of_a_shaft(tone, rig.teeth, track.speed, 1 / window.duration, error)
         ]
         seen = OffOrders.of(signal, rig.teeth, track.speed, rig.band[1], error)

@@ -44,7 +44,7 @@ from twin.features.resample import AngleSignal, on_angle
 from twin.features.transforms import fast_length_below, hann, power_of, powers
 from twin.windows import Samples
 
-BAND = (5.0, 2200.0)  # [Hz]
+LOWEST = 5.0  # frequency from which tones are sought [Hz]
 FALSE_ALARM = 1e-3  # for one record, all of its bins together
 LEAST_EVIDENCE = 10.0  # nats against a line locked to the angle
 REACH = 8  # bins on either side of a peak that the local model explains, without what the speed's wander smears
@@ -410,7 +410,7 @@ def window_tones(
     samples: Samples,
     track: AngleTrack,
     teeth: tuple[int, int],
-    band: tuple[float, float] = BAND,
+    band: tuple[float, float],
     false_alarm: float = FALSE_ALARM,
     signal: AngleSignal | None = None,
 ) -> tuple[Tone, ...]:

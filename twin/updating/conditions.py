@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from twin.errors import NotAvailable, WindowError
+from twin.features.non_gear import NonGearFeatures
 from twin.features.plausible import torque_contradiction
 from twin.features.window_features import WindowFeatures
 from twin.gear_age import unworn
@@ -50,7 +51,38 @@ class LevelComparison:
     )
 
 
-MATCH, COUNT, LEVEL = ConditionMatch(), RevolutionCount(), LevelComparison()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteadyTorque:
+    """Whether a window's mean torque stands for its load."""
+
+    largest_swing: float = deciding(
+        0.1,
+        of="mean torque",
+        meaning="amplitude of a torque at an order of no shaft from which a window calibrates nothing",
+        source="not derived: chosen; the mean transmission error then moves by a tenth of the mesh's deflection, about "
+        "what unworn gears are off (CalibrationFit.line_scatter)",
+    )
+
+
+MATCH, COUNT, LEVEL, TORQUE = ConditionMatch(), RevolutionCount(), LevelComparison(), SteadyTorque()
+
+
+def swing_of(beside: NonGearFeatures | None, torque: float | None, limits: SteadyTorque = TORQUE) -> str | None:
+    """Why the mean torque [N·m] does not stand for the load: it swings at an order of no shaft; None where it does.
+
+    beside  what the window shows beside the gears; None where it was not looked for
+    """
+    swings = [
+        (abs(y), r.order)
+        for r in (() if beside is None else beside.readings)
+        if (y := r.amplitude("torque")) is not None
+    ]
+    if not swings or not torque:
+        return None
+    size, order = max(swings)
+    if size < limits.largest_swing * abs(torque):
+        return None
+    return f"it swings by {size:.3g} N·m at order {order:.3g} of the pinion, which is of no shaft"
 
 
 def condition_of(features: WindowFeatures, rig: Rig) -> Condition:
