@@ -1,4 +1,4 @@
-"""A window whose torque swings at an order of no shaft calibrates nothing: its mean torque does not stand for its load."""
+"""A window whose torque swings at an order of no shaft calibrates nothing: its mean is not the load of the teeth."""
 
 from dataclasses import replace
 
