@@ -19,6 +19,7 @@ from twin.baseline.load_direction import LoadDirectionThresholds
 from twin.baseline.low_frequency import LowFrequencyThresholds
 from twin.baseline.modulation import NewModulationThresholds
 from twin.baseline.off_line_changes import OffLineThresholds
+from twin.baseline.off_lines import RailThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
 from twin.baseline.recordings import RecordingThresholds
@@ -156,6 +157,7 @@ SETS: tuple[type, ...] = (
     ReadingThresholds,
     RecordingThresholds,
     RepeatThresholds,
+    RailThresholds,
     UsableThresholds,
     LoadDirectionThresholds,
     LowFrequencyThresholds,

@@ -50,7 +50,6 @@ from twin.errors import NotAvailable
 
 Fold = frozenset[int]  # windows that are left out together
 Scores = Mapping[Key, float]
-LEAST_PARTS = 3  # of which one is left out: two others show a scatter
 
 
 def repeats_of(baseline: Baseline, limits: RepeatThresholds = DEFAULT) -> Repeats:
@@ -63,7 +62,7 @@ def repeats_of(baseline: Baseline, limits: RepeatThresholds = DEFAULT) -> Repeat
         pattern_compared=_is_compared(pattern),
     )
     folds = _folds(baseline.readings, limits)
-    if len(folds) < LEAST_PARTS:
+    if len(folds) < DEFAULT.least_recordings:
         return found
     without = {fold: _without(baseline, fold) for fold in folds}
     scores = {
@@ -83,7 +82,7 @@ def repeats_of(baseline: Baseline, limits: RepeatThresholds = DEFAULT) -> Repeat
 def _folds(readings: Sequence[WindowReading], limits: RepeatThresholds) -> list[Fold]:
     """The parts that are left out: recordings; of a single one, its windows."""
     of = recording_of(readings)
-    if len(set(of)) < LEAST_PARTS:
+    if len(set(of)) < DEFAULT.least_recordings:
         of = list(range(len(readings)))
     parts = sorted(set(of))
     count = min(len(parts), limits.most_folds)
@@ -122,7 +121,7 @@ def _factors_without(
 ) -> dict[Key, float]:
     """Factors that the others give, a second part of them left out in turn; none where too few are left."""
     others = [other for other in folds if other != fold]
-    if len(others) < LEAST_PARTS:
+    if len(others) < DEFAULT.least_recordings:
         return {}
     return factors_of([_scores_of(_without(baseline, fold | other), baseline, other) for other in others], limits)
 

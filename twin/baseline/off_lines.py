@@ -28,6 +28,7 @@ from twin.baseline.shaft_orders import own_multiples
 from twin.features.angle import AngleTrack
 from twin.features.resample import on_angle
 from twin.features.transforms import hann
+from twin.thresholds import deciding
 from twin.windows import Samples
 
 OCTAVES = 4  # whose envelopes are taken
@@ -42,8 +43,22 @@ COMB = 3  # multiples of a free order
 FREE = (0.35, 12.0)  # orders of the pinion that impacts of no shaft are searched in
 OWN_WIDTH = 2.5  # bins on either side that a line of the pair covers: half of Hann's main lobe, and what wander adds
 SILENCE = 1e-30  # level of a channel without any signal, in its unit
-PILED = 4  # times as many samples as the value beside it has, from which an extreme is a rail
 LEAST = 1e-9  # of the level, below which a measure is cut off
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RailThresholds:
+    """When samples lie at a rail of the channel."""
+
+    piled: float = deciding(
+        4.0,
+        of="samples at the value beside it",
+        meaning="samples at an extreme value from which it is a rail",
+        source="derivation: the last step of a converter holds up to 2.4 times as many where the signal is one tone",
+    )
+
+
+RAIL = RailThresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +210,7 @@ def _at_extremes(values: np.ndarray) -> float:
     levels, counts = np.unique(finite, return_counts=True)
     if levels.size <= 2:
         return 1.0
-    at_rail = [int(end) for end, beside in (counts[:2], counts[:-3:-1]) if end > PILED * beside]
+    at_rail = [int(end) for end, beside in (counts[:2], counts[:-3:-1]) if end > RAIL.piled * beside]
     return float(sum(at_rail)) / finite.size
 
 

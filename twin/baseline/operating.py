@@ -30,7 +30,6 @@ from twin.baseline.reading import WindowReading
 from twin.errors import NotAvailable
 from twin.thresholds import deciding
 
-ONE_POINT = 0.002  # of the mean, up to which recordings lie at one operating point: SufficiencyLimits.same_speed
 WIDTH_OF_POINT = 0.01  # of the mean, that takes the place of the range there: half of a usual motor's slip
 SMOOTHNESS = 1.5  # p: between a random walk and a straight line
 
@@ -50,6 +49,10 @@ class OperatingThresholds:
     least_readings_of_plane: int = deciding(
         4, meaning="windows from which a plane of torque and speed is spanned",
         source="derivation: three points span a triangle, the fourth can lie inside",
+    )  # fmt: skip
+    one_point: float = deciding(
+        0.002, of="mean", meaning="range up to which recordings lie at one operating point",
+        source="not derived: a tenth of the usual slip of an induction motor at full load",
     )  # fmt: skip
     beyond: float = deciding(
         0.05, of="learned range", meaning="distance from the nearest learned point from which a point is outside",
@@ -141,7 +144,7 @@ def _scaled(points: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def varies(points: np.ndarray) -> np.ndarray:
     """Whether points (n, d) differ on each axis by more than they wander about one operating point (d,)."""
-    return np.asarray(np.ptp(points, axis=0) > ONE_POINT * np.abs(points).mean(axis=0))
+    return np.asarray(np.ptp(points, axis=0) > DEFAULT.one_point * np.abs(points).mean(axis=0))
 
 
 def _along(place: np.ndarray, u: float) -> dict[int, float] | None:

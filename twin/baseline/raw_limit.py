@@ -32,7 +32,6 @@ from twin.baseline.recordings import recording_of
 from twin.baseline.repeats import DEFAULT, RAW, RepeatThresholds
 
 NAMES = ("rms", "kurtosis")
-LEAST_RECORDINGS = 3  # from which a standard deviation says something of the next recording
 LEAST_SCATTER = 1e-6  # of a logarithm, below which values are the same
 
 
@@ -98,7 +97,7 @@ def _learned(baseline: Baseline, limits: RepeatThresholds) -> list[_Learned]:
     """Every measure that all healthy windows have; none with too few recordings."""
     count = len(set(recording_of(baseline.readings)))
     channels = set.intersection(*(set(r.raw) for r in baseline.readings))
-    if count < LEAST_RECORDINGS or not channels:
+    if count < DEFAULT.least_recordings or not channels:
         return []
     t = float(student.isf(limits.false_alarms / (2 * len(NAMES) * len(channels)), count - 1))
     out = []
@@ -116,7 +115,7 @@ def _learned(baseline: Baseline, limits: RepeatThresholds) -> list[_Learned]:
 def _reason(learned: Sequence[_Learned], factor: float) -> str:
     """Why there is no limit; empty where there is one."""
     if not learned:
-        return f"fewer than {LEAST_RECORDINGS} healthy recordings with raw levels give no limit"
+        return f"fewer than {DEFAULT.least_recordings} healthy recordings with raw levels give no limit"
     if not np.isfinite(factor):
         return "most healthy recordings, left out, exceed the limit that the others give"
     return ""

@@ -44,6 +44,10 @@ class RepeatThresholds:
         0.5, of="recordings left out", meaning="share beyond a limit from which a measure is not compared",
         source="convention: half; a measure that is new in most healthy recordings tells nothing",
     )  # fmt: skip
+    least_recordings: int = deciding(
+        3, meaning="healthy recordings from which one is left out, and a raw limit is given", unit="recordings",
+        source="derivation: with one left out two others still show a scatter",
+    )  # fmt: skip
     most_folds: int = deciding(
         8, meaning="parts of the recordings that are left out in turn", unit="parts",
         source="not derived: 36 baselines are learned for it, some seconds",
