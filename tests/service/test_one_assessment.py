@@ -102,7 +102,7 @@ def test_status_limits_rate_of_false_alarms_and_update_of_the_settings_hold_for_
     assert CliRunner().invoke(app, ["assess", str(path), "--json", str(tmp_path / "a.json")]).exit_code == 0
     served_by = twin_of(load()).options
     assert seen == [served_by, served_by] and len(seen) == 2
-    assert (served_by.status_limits.horizon_time, served_by.false_alarm_rate) == (7 * 3600.0, 0.002)
+    assert (served_by.status_limits.horizon, served_by.false_alarm_rate) == (7 * 3600.0, 0.002)
     assert served_by.update == "rms"
 
 
