@@ -138,9 +138,9 @@ def test_two_assets_go_their_own_ways():
 
 
 def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
-    frames = [f for f in bursts(5) if not (f.channel == ACCEL and f.sequence == 9)]
+    frames = [f for f in bursts(8) if not (f.channel == ACCEL and f.sequence == 9)]
     whole, whole_pipeline = run(frames, Count())
-    first, _ = run(frames[:80], Count(), flush=False)
+    first, _ = run(frames[:130], Count(), flush=False)
     last = first[-1]
     outcomes = list(first)
     second = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Sink(outcomes))
