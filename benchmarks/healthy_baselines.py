@@ -32,7 +32,8 @@ from twin.baseline.comparison import (
     read_lines,
     tracked,
 )
-from twin.baseline.learned import Baseline, learn
+from twin.baseline.learned import Baseline
+from twin.baseline.leaving_out import learn
 from twin.baseline.reading import WindowReading
 from twin.errors import TwinError
 from twin.rig import Rig

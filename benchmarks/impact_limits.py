@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.measured import LOADS, MEASURED, SENSORS
 from benchmarks.spoiled_recordings import SET, TUNED, Set
 from benchmarks.spoiling import OTHERS, ringing
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.reading import WindowReading, read
 from twin.baseline.turn_impacts import DEFAULT, GUMBEL, turn_impacts
 

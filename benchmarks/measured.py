@@ -33,7 +33,8 @@ from service.runtime.assess import assess
 from twin.baseline.comparison import pair_shafts
 from twin.baseline.diagnosis import WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
-from twin.baseline.learned import Baseline, learn
+from twin.baseline.learned import Baseline
+from twin.baseline.leaving_out import learn
 from twin.baseline.reading import WindowReading, read
 
 ROOT = Path(__file__).parents[1]

@@ -26,7 +26,8 @@ from benchmarks.measured import LOADS, MEASURED, SENSORS, THIRD, imported
 from benchmarks.spoiling import KINDS
 from service.files.baseline import load
 from twin.baseline.comparison import compare_with_baseline, pair_shafts, tracked
-from twin.baseline.learned import Baseline, learn
+from twin.baseline.learned import Baseline
+from twin.baseline.leaving_out import learn
 from twin.baseline.reading import WindowReading, read
 from twin.errors import TwinError
 from twin.features.angle import AngleTrack

@@ -121,7 +121,7 @@ class LeavingOut(ContractModel):
 
 
 class RawMeasure(ContractModel):
-    """Raw RMS or kurtosis of one accelerometer beside its limits."""
+    """Raw RMS or kurtosis of one accelerometer with its limits."""
 
     channel: str
     name: str = Field(description="rms, in the channel's unit, or kurtosis (3 for Gaussian noise)")
@@ -132,7 +132,7 @@ class RawMeasure(ContractModel):
 
 
 class RawLimit(ContractModel):
-    """A limit on raw RMS and kurtosis beside the verdict."""
+    """A limit on raw RMS and kurtosis, given with the verdict."""
 
     exceeded: bool
     decides_alone: bool = Field(description="whether nothing else has called the recording changed")

@@ -45,7 +45,7 @@ def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
         acts = f"{action.removesuffix('.')} ({', '.join(effect.channels)})." if effect.channels else action
         reason = f"{label[:1].upper()}{label[1:]} {verb}{where}" + (f": {sizes}." if sizes else ".")
         if len(names) > 1:
-            reason = f"{reason.removesuffix('.')}; the channels cannot tell which."
+            reason = f"{reason.removesuffix('.')}; the channels do not distinguish them."
         for caveat in effect.caveats:
             reason = f"{reason.removesuffix('.')}; {caveat[:1].lower()}{caveat[1:]}"
         if effect.status == "suspected":

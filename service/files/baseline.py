@@ -45,8 +45,8 @@ from twin.baseline.comparison import (
     unattributed_lines,
 )
 from twin.baseline.energy_breakdown import energy_breakdown
-from twin.baseline.learned import Baseline, learn
-from twin.baseline.leaving_out import repeats_of
+from twin.baseline.learned import Baseline
+from twin.baseline.leaving_out import learn, repeats_of
 from twin.baseline.modulation import against_baseline
 from twin.baseline.off_lines import OffLines
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, SpacingSeen, WindowReading, common_period

@@ -17,7 +17,6 @@ from service.stream.faults import by_share
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece, of_one_rate
 from twin.compiled.statistics import extremes
-from twin.features.baseline_drift import baseline_drift
 from twin.features.despike import spikes
 from twin.rig import Rig
 from twin.thresholds import deciding
@@ -195,6 +194,8 @@ def _note_gaps(
 
 def _take_drift_out(label: str, values: np.ndarray, rate: float, unit: str, faults: list[Fault]) -> None:
     """Takes the drift of a sensor's zero out of its values (n,)."""
+    from twin.features.baseline_drift import baseline_drift  # loads scipy, which a start does without
+
     drift = baseline_drift(values, rate)
     if drift is None:
         return

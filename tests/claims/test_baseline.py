@@ -17,7 +17,7 @@ from twin.assessment import Unavailable
 from twin.baseline.alignment import align
 from twin.baseline.causes import causes_of
 from twin.baseline.diagnosis import WindowParts, diagnose
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.reading import angle_of, read
 from twin.baseline.spacing import SpacingThresholds, simple_ratio, unattributed_spacings
 from twin.baseline.transfer_path import Path, band_gains, common_level, name_of_path

@@ -9,7 +9,7 @@ from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from tests.effects_cases import TEN, solved
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.findings import compare
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.load_direction import fall_with_load
 from twin.baseline.operating import distance_beyond
 from twin.effects import EFFECTS

@@ -9,7 +9,7 @@ import pytest
 
 from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.diagnosis import diagnose
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.operating import axes_of, miss_of, order_of, point_of, weights_of
 from twin.baseline.transfer_path import common_level, lesser
 from twin.errors import NotAvailable

@@ -21,7 +21,8 @@ from twin.baseline.comparison import (
     read_lines,
     tracked,
 )
-from twin.baseline.learned import Baseline, learn
+from twin.baseline.learned import Baseline
+from twin.baseline.leaving_out import learn
 from twin.baseline.recordings import counted
 from twin.baseline.repeats import LINES, PATTERN, RAW, SPACINGS, factor_of
 from twin.baseline.sufficiency import thin_for_teeth

@@ -10,7 +10,7 @@ from service.contract.baseline import Baseline
 from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.comparison import described
 from twin.baseline.diagnosis import diagnose
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.sufficiency import load_range, sufficiency_of, thin_for_teeth
 from twin.rig import Rig
 

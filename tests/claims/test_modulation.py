@@ -11,7 +11,7 @@ from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from tests.unit.test_step import minimal_rig
 from twin.baseline.comparison import pair_shafts
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.modulation import DEFAULT as LIMITS
 from twin.baseline.modulation import against_baseline
 from twin.baseline.reading import read

@@ -9,7 +9,7 @@ import pytest
 from tests.claims.test_baseline import RATE, RIG, SHAFTS, SPEED, TEETH, healthy, machine, parts
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.findings import compare
-from twin.baseline.learned import learn
+from twin.baseline.leaving_out import learn
 from twin.baseline.reading import angle_of
 from twin.baseline.turn_impact_findings import impacts_named, impacts_of
 from twin.baseline.turn_impacts import own_lines, tail_evidence, turn_impacts

@@ -8,11 +8,12 @@ import pytest
 
 from service.contract.estimate import step
 from tests.unit.test_step import recorded
+from twin.attention import StatusLimits
 from twin.options import Options
 from twin.state import State
 from twin.windows import Window
 
-ALONE = Options(trace=False)
+ALONE = Options(trace=False, status_limits=StatusLimits(horizon=0.0))  # the campaign's whole life is some hours
 MINUTE = 60 * 10**9
 
 

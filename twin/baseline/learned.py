@@ -167,14 +167,12 @@ def _fit(lines: Values, others: Values, period: int, teeth: int) -> float:
     return 0.0 if found is None else found.correlation
 
 
-def learn(rig: Rig, readings: Sequence[WindowReading], shafts: Sequence[Fraction]) -> Baseline:
-    """A baseline from windows of the healthy machine, two at least, with what they repeat of one another.
+def laid_over(rig: Rig, readings: Sequence[WindowReading], shafts: Sequence[Fraction]) -> Baseline:
+    """A baseline from windows of the healthy machine, two at least, without what they repeat of one another.
 
     Copies count once, and channels at a rail, dead or interrupted are not learned from.
     Raises NotAvailable where the windows do not share a channel.
     """
-    from twin.baseline.leaving_out import repeats_of  # compares recordings with baselines of this module
-
     single, copies = without_copies(readings)
     usable, not_learned = only_usable(single)
     if len(usable) < 2:
@@ -191,11 +189,10 @@ def learn(rig: Rig, readings: Sequence[WindowReading], shafts: Sequence[Fraction
     ordered = sorted(usable, key=lambda r: tuple(point_of(r, axes)))
     laid = _laid_over(rig, ordered, axes)
     std, path = scatter_of(laid, axes)
-    baseline = Baseline(
+    return Baseline(
         rig=rig, shafts=tuple(shafts), readings=laid, std=std, path_scatter=path, not_learned=not_learned,
         copies=tuple(copies),
     )  # fmt: skip
-    return replace(baseline, repeats=repeats_of(baseline))
 
 
 def _lines(reading: WindowReading) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from twin.baseline.alignment import align
 from twin.baseline.findings import DEFAULT as FINDINGS
 from twin.baseline.findings import BaselineComparison, compare
 from twin.baseline.known_spacings import clearest_over
-from twin.baseline.learned import Baseline, interpolated_lines, scatter_of
+from twin.baseline.learned import Baseline, interpolated_lines, laid_over, scatter_of
 from twin.baseline.left_over import left_over
 from twin.baseline.modulation import deepest_over
 from twin.baseline.off_line_changes import DEFAULT as OFF_LINE_LIMITS
@@ -47,9 +48,19 @@ from twin.baseline.turn_impacts import DEFAULT as IMPACT_LIMITS
 from twin.baseline.turn_impacts import turn_impacts
 from twin.baseline.verdict import DEFAULT as VERDICT
 from twin.errors import NotAvailable
+from twin.rig import Rig
 
 Fold = frozenset[int]  # windows that are left out together
 Scores = Mapping[Key, float]
+
+
+def learn(rig: Rig, readings: Sequence[WindowReading], shafts: Sequence[Fraction]) -> Baseline:
+    """A baseline from windows of the healthy machine, two at least, with what they repeat of one another.
+
+    Raises NotAvailable where the windows do not share a channel.
+    """
+    baseline = laid_over(rig, readings, shafts)
+    return replace(baseline, repeats=repeats_of(baseline))
 
 
 def repeats_of(baseline: Baseline, limits: RepeatThresholds = DEFAULT) -> Repeats:

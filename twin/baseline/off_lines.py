@@ -52,7 +52,7 @@ class RailThresholds:
 
     piled: float = deciding(
         4.0,
-        of="samples at the value beside it",
+        of="samples at the neighbouring value",
         meaning="samples at an extreme value from which it is a rail",
         source="derivation: the last step of a converter holds up to 2.4 times as many where the signal is one tone",
     )
