@@ -23,7 +23,7 @@ class Quantity:
 CRITERION: tuple[Basis, ...] = ("criterion",)
 LEARNED: tuple[Basis, ...] = ("learned", "fixed")
 INSPECT = "Compare the spectra of {place} with earlier ones, and check the mount of the sensor"
-INSPECT_GEAR = "Look for a damaged tooth, run-out or a bent shaft: compare the spectra of {place} with earlier ones"
+INSPECT_GEAR = "Check for a damaged tooth, run-out or a bent shaft: compare the spectra of {place} with earlier ones"
 
 QUANTITIES = {
     "depth": Quantity(

@@ -119,7 +119,7 @@ def _modulation(found: assessment.Assessment, limits: StatusLimits) -> Iterator[
             level="watch",
             reason=f"The mesh vibration is modulated {TIMES[multiple]} per turn of the {shaft}, which is new: "
             f"{one.depth / PERCENT:.3g} % in {one.sensor}, healthy {low} to {high} %.",
-            action=f"Look for {causes_of(shaft, multiple)}.",
+            action=f"Check for {causes_of(shaft, multiple)}.",
             share=1 - (one.healthy[1] / one.depth) ** 2,
         )
 

@@ -12,7 +12,7 @@ import pytest
 from service.alarms.quantities import QUANTITIES
 from service.cli.assets import change_line
 from service.cli.diagnosis import verdict
-from service.contract import findings
+from service.contract import effect_findings, findings
 from service.contract.effects import Effect
 from service.contract.status import data_of, status_of
 from service.report.findings import findings as report_findings
@@ -91,7 +91,12 @@ def test_every_remedy_begins_with_a_verb():
 def test_every_action_begins_with_a_verb():
     actions = [kind.facts.action for kind in EFFECTS.values()] + [fault.action for fault in CHANNEL_FAULTS.values()]
     actions += [quantity.action for quantity in QUANTITIES.values() if quantity.action]
-    actions += [*findings.OTHER_ACTIONS.values(), findings.UNNAMED_ACTION, findings.INCOMPLETE, findings.UNJUDGED]
+    actions += [
+        *effect_findings.OTHER_ACTIONS.values(),
+        effect_findings.UNNAMED_ACTION,
+        findings.INCOMPLETE,
+        findings.UNJUDGED,
+    ]
     actions += [text for text in given("service", "action") if " " in text.strip()]
     assert len(actions) > 25
     assert {a for a in actions if first_word(a) not in VERBS and a != NONE} == set()
@@ -152,20 +157,20 @@ def test_effect_with_an_estimated_structure_is_at_most_a_watch_until_it_is_accep
     status = status_of(replace(HEALTHY, effects=(crack,)))
     assert status.level == "watch"
     assert status.reasons[0].endswith(f"; c{CAVEAT[1:]}")
-    assert status.action == f"Confirm the effect (a cracked tooth) before acting on it: {findings.CONFIRMATION}."
+    assert status.action == f"Confirm the effect (a cracked tooth) before acting on it: {effect_findings.CONFIRMATION}."
     assert "stop" not in status.action.lower()
     assert status_of(replace(HEALTHY, effects=(replace(crack, status="accepted"),))).level == "alarm"
 
 
 def test_cause_and_size_are_preliminary_where_the_structure_is_estimated():
     rig = rig_of("lab")
-    (said,) = _caveats(rig, "mesh", "found")
+    (said,) = _caveats(rig, "mesh", "found", "")
     assert said.startswith("Cause and size are preliminary, because the values of the rig file for structure")
     assert said.endswith(" are estimates.") and "wear" not in said
-    assert _caveats(rig, "mesh", "accepted")[0].startswith("The size is preliminary")
-    assert _caveats(rig, "non_gear", "found") == ()  # a bearing is found by lines of its own
+    assert _caveats(rig, "mesh", "accepted", "")[0].startswith("The size is preliminary")
+    assert _caveats(rig, "non_gear", "found", "") == ()  # a bearing is found by lines of its own
     known = {key: value for key, value in rig.values.items() if key != "estimated"}
-    assert _caveats(Rig.from_mapping(known), "mesh", "found") == ()
+    assert _caveats(Rig.from_mapping(known), "mesh", "found", "") == ()
 
 
 def test_caveat_is_said_in_the_answer_the_commands_and_the_report():

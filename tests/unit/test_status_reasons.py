@@ -65,7 +65,7 @@ def test_new_modulation_is_watched_with_its_size_and_its_causes():
     assert status.level == "watch" and status.reasons == [
         "The mesh vibration is modulated once per turn of the pinion, which is new: 28 % in y6, healthy 2.8 to 3.1 %."
     ]
-    assert status.action.startswith("Look for run-out or eccentricity of the pinion, a bent shaft")
+    assert status.action.startswith("Check for run-out or eccentricity of the pinion, a bent shaft")
     assert not any(word in " ".join([*status.reasons, status.action]) for word in ("twin", "wear", "mount"))
 
 

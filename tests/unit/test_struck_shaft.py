@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.contract.findings import _unknown
+from service.contract.effect_findings import _unknown
 from twin.assessment import Assessment, Unavailable, Unexplained
 from twin.attention import StatusLimits
 

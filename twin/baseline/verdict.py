@@ -90,7 +90,7 @@ def with_raw_limit(verdict: str, reason: str, raw: RawLimit, effects: Sequence[N
         for m in raw.exceeded
     )
     said = (
-        f"the limit on raw levels alone decides: {measures}; no line, tooth or sensor that is compared tells what has "
+        f"the limit on raw levels alone decides: {measures}; no line, tooth or sensor that is compared shows what has "
         "changed"
     )
     return "unknown_effect", "; ".join(r for r in (said, reason) if r), replace(raw, decides_alone=True)

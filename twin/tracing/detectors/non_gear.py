@@ -24,7 +24,7 @@ import numpy as np
 
 from twin.effects.bearing_defect import BearingDefect
 from twin.features.non_gear import SOUGHT, NonGearFeatures
-from twin.features.shaft_orders import owner_of
+from twin.features.shaft_orders import FRACTION, owner_of
 from twin.features.tones import NonGearTone, non_gear_tones
 from twin.rig_tolerances import Tolerances
 from twin.thresholds import deciding
@@ -247,7 +247,7 @@ def find_non_gear_content(
     defect = defect_of(windows, limits)
     locked = _locked(defect, [w for _, w in windows], teeth)
     if locked is not None and teeth is not None:
-        explained = lattice_full or struck or owner_of(locked, teeth, 1e-6) is not None
+        explained = lattice_full or struck or owner_of(locked, teeth, 1e-6) not in (None, FRACTION)
         return NonGearContent(locked=None if explained else locked)
     tones: tuple[NonGearTone, ...] = ()
     orders: list[tuple[float, float]] = []
