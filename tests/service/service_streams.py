@@ -188,8 +188,8 @@ class Service:
     def windows(self, asset: str = "unsw") -> list[dict]:
         return self.get(f"/v1/assets/{asset}/windows?limit=10000") or []
 
-    def wait_for_windows(self, count: int, asset: str = "unsw") -> list[dict]:
-        wait_until(lambda: len(self.windows(asset)) >= count)
+    def wait_for_windows(self, count: int, asset: str = "unsw", seconds: float = 60) -> list[dict]:
+        wait_until(lambda: len(self.windows(asset)) >= count, seconds)
         return self.windows(asset)
 
 

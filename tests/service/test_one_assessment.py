@@ -70,7 +70,7 @@ def served(recordings, tmp_path_factory):
         for path in recordings.values():
             replay(path, [running.endpoint], 0)
         return {
-            asset: {"windows": running.wait_for_windows(1, asset), **running.get(f"/v1/assets/{asset}")}
+            asset: {"windows": running.wait_for_windows(1, asset, seconds=240), **running.get(f"/v1/assets/{asset}")}
             for asset in recordings
         }
     finally:
