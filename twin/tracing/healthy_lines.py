@@ -11,7 +11,7 @@ s    what the structure may be off at the line's frequency by the rig file's tol
 P    the channel's line per displacement of the teeth (updating/line_scatter.py), 1 for the encoders
 e    form of real teeth that no model has, φ and β at mesh orders (scatter.py); u as far as no learned factor holds it
 δ    of the encoders: a disc's once-per-turn error at the order of its shaft, its graduation at the others
-c    floor of the channel
+c    floor of the channel; of the acceleration away from mesh orders its noise floor
 
 A machine whose learned factors lie further from one than its tolerances allow has a structure of its own; s then grows
 by the ratio (R. T. Birge, Phys. Rev. 40 (1932) 207–227). The energy that several lines together leave is up to
@@ -152,14 +152,21 @@ class HealthyLines:
         structure = self._structure(channel, frequency, learned)
         relative = np.hypot(self._between_windows(channel, orders, apart), structure)
         disc = self._disc(orders) if channel in ENCODERS else 0.0
-        floor = 0.0 if channel in ENCODERS else self.sizes.channels[channel].floor
-        v = 2 * std**2 + (relative * np.abs(predicted)) ** 2 + disc**2 + floor**2
-        form = np.where(self._of_mesh(orders), np.hypot(self.sizes.each, self.sizes.common), 0.0)
+        mesh = self._of_mesh(orders)
+        v = 2 * std**2 + (relative * np.abs(predicted)) ** 2 + disc**2 + self._floor(channel, mesh) ** 2
+        form = np.where(mesh, np.hypot(self.sizes.each, self.sizes.common), 0.0)
         if channel not in ENCODERS:
             form = form * np.abs(self.machines.transfer(channel, frequency))
         if channel != "torque":
             form = form * learned.unknown(channel, frequency)
         return np.maximum(v + form**2, np.finfo(float).tiny)
+
+    def _floor(self, channel: str, mesh: np.ndarray) -> np.ndarray:
+        """c (n,), of lines that are the mesh's and of others."""
+        if channel in ENCODERS:
+            return np.zeros(mesh.size)
+        at_mesh = self.sizes.channels[channel].floor
+        return np.where(mesh, at_mesh, self.scales.acceleration if channel == "acceleration" else at_mesh)
 
     def _of_mesh(self, orders: np.ndarray) -> np.ndarray:
         return np.abs(orders / self.teeth[0] - np.rint(orders / self.teeth[0])) < 1e-6
