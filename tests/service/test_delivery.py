@@ -44,7 +44,10 @@ class Stand:
     def start(self):
         self.inbox = Inbox()
         self.pipeline = Pipeline(
-            lambda asset: Rig.from_mapping({}), TWIN, Sink(self.committed), assembly=AssemblySettings(clocked=True, settle=16)
+            lambda asset: Rig.from_mapping({}),
+            TWIN,
+            Sink(self.committed),
+            assembly=AssemblySettings(clocked=True, settle=16),
         )
         self.pipeline.refusal = lambda stream: self.refused
         if self.committed:
