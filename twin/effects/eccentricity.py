@@ -43,7 +43,7 @@ class EccentricityDetection(DetectionThresholds):
         1.0,
         of="run-out that takes up the backlash",
         meaning="largest eccentricity that is possible; the model is given no more",
-        source="derivation: j = 2·e·sin α, from there on the teeth jam once a turn (DIN 3967:1978, clause 4)",
+        source="derivation: j = 2·e·sin α, the change of j with the centre distance; beyond it the teeth jam",
     )
 
 

@@ -51,7 +51,7 @@ def _caveats(rig: Rig, detector: str, status: str, reason: str) -> tuple[str, ..
     What is found by lines of its own, as a bearing defect, does not rest on the structure. An engineer
     who has accepted or pinned the effect has settled its cause.
     """
-    untested = (f"It is suspected: {reason}.",) if status == "suspected" else ()
+    untested = (f"{reason[:1].upper()}{reason[1:]}.",) if status == "suspected" else ()
     if not is_estimated(rig) or detector == OF_OWN_LINES:
         return untested
     what = "Cause and size are" if status in ("found", "suspected") else "The size is"
