@@ -12,8 +12,9 @@ y  measured
 m  predicted by the twin in use without the effect alone, and with it; without it at the depth that predicts better:
    that of the twin in use, or that of the twin before the effect joined
 
-The windows are those recorded since the effect is certainly there that took no part in the fit of its numbers. What no
-steady state predicts line by line claims content of its own (held_out_content.py).
+The windows are those recorded since the effect is certainly there that took no part in the fit of its numbers. A refit
+takes part in windows that its numbers of before had not seen: these are predicted by those numbers, where too few are
+left without. What no steady state predicts line by line claims content of its own (held_out_content.py).
 
     P(size by chance) = P(χ²_n > (x/σ)²)      n = 1, or 2 of an amplitude with a free phase; of what stands for many
                                              numbers, as pitch errors do, the detector says it by the lines' own noise
@@ -27,6 +28,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from twin.assessment import HeldOutResidual
@@ -165,36 +167,73 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
 
 
 def _errors(rig: Rig, tracing: Tracing, item: AttributedEffect) -> EffectErrors:
-    """Of the twin in use without one effect and with it, on the windows held out for it."""
-    windows, indices = _windows(rig, tracing, item)
+    """Of the twin in use without one effect and with it, on the windows held out for it.
+
+    Its numbers before a refit may speak for it, not against it: the refit may have mended them.
+    """
+    errors = _errors_on(rig, tracing, item, *_windows(rig, tracing, item))
+    if item.earlier and judged(item, errors).kind == "refused":
+        errors = _errors_on(rig, tracing, item, *_windows(rig, tracing, replace(item, earlier=())))
+    return errors
+
+
+def _errors_on(
+    rig: Rig, tracing: Tracing, item: AttributedEffect, windows: Sequence[WindowInput], held: Collection[int]
+) -> EffectErrors:
+    by_numbers = _by_numbers(item, windows)
     facts = item.addition.effect.facts
     if facts.claims != "lines":
-        errors = errors_of(list(_compared(rig, tracing, windows, indices, tracing.found).values()))
-        change = content_change(item.addition.effect, windows, _fitted(tracing, item))
-        changes = (_change(facts.claims, *change, 0.0, True),)
+        errors = errors_of(list(_compared(rig, tracing, windows, held, tracing.found).values()))
+        before, after = np.empty(0), np.empty(0)
+        for version, group in by_numbers:
+            without, present = content_change(version.addition.effect, group, _fitted(tracing, version))
+            before, after = np.append(before, without), np.append(after, present)
+        changes = (_change(facts.claims, before, after, 0.0, True),)
         return EffectErrors(before=errors, after=errors, changes=changes, windows=tuple(w.index for w in windows))
-    rest = tuple(f for f in tracing.found if f is not item)
-    present = _compared(rig, tracing, windows, indices, tracing.found)
-    absent = _compared(rig, tracing, windows, indices, rest)
-    before = len(relevant(tracing.found[: tracing.found.index(item)]))
-    if facts.changes_mesh_lines:
-        other = _compared(rig, tracing, windows, indices, rest, stage=before)
-        if _whole(other, present) < _whole(absent, present):
-            absent = other
-    pairs = [(absent[i], present[i]) for i in present if i in absent]
-    note = "; ".join(
-        f"window {w.index} is left out: no steady state"
-        for w in windows
-        if not (w.index in present and w.index in absent)
-    )
-    moved = moved_lines(pairs, facts.is_torque)
+    pairs: list[Pair] = []
+    for version, group in by_numbers:
+        found = tuple(version if f is item else f for f in tracing.found)
+        pairs += _pairs(rig, replace(tracing, found=found), version, group, held)
+    pairs.sort(key=lambda pair: pair[0].index)
+    shown = tuple(a.index for a, _ in pairs)
+    note = "; ".join(f"window {w.index} is left out: no steady state" for w in windows if w.index not in shown)
     return EffectErrors(
         before=errors_of([a for a, _ in pairs], note),
         after=errors_of([b for _, b in pairs], note),
-        moved=moved,
-        windows=tuple(a.index for a, _ in pairs),
+        moved=moved_lines(pairs, facts.is_torque),
+        windows=shown,
         changes=_changes(pairs, facts.is_torque),
     )
+
+
+def _by_numbers(
+    item: AttributedEffect, windows: Sequence[WindowInput]
+) -> list[tuple[AttributedEffect, list[WindowInput]]]:
+    """The effect with the newest numbers that each window took no part in, with its windows."""
+    out = []
+    rest = list(windows)
+    for numbers in item.by_fit:
+        group = [w for w in rest if w.index not in numbers.fitted]
+        rest = [w for w in rest if w.index in numbers.fitted]
+        if group:
+            same = numbers.addition is item.addition
+            out.append((item if same else replace(item, addition=numbers.addition, fitted=numbers.fitted), group))
+    return out
+
+
+def _pairs(
+    rig: Rig, tracing: Tracing, item: AttributedEffect, windows: Sequence[WindowInput], held: Collection[int]
+) -> list[Pair]:
+    """Windows as the twin predicts them without one of its effects and with it."""
+    rest = tuple(f for f in tracing.found if f is not item)
+    present = _compared(rig, tracing, windows, held, tracing.found)
+    absent = _compared(rig, tracing, windows, held, rest)
+    before = len(relevant(tracing.found[: tracing.found.index(item)]))
+    if item.addition.effect.facts.changes_mesh_lines:
+        other = _compared(rig, tracing, windows, held, rest, stage=before)
+        if _whole(other, present) < _whole(absent, present):
+            absent = other
+    return [(absent[i], present[i]) for i in present if i in absent]
 
 
 def _whole(twin: Mapping[int, HeldOutComparison], others: Collection[int]) -> float:
@@ -239,10 +278,8 @@ def _counted(
     return one.chosen(use), other.chosen(use)
 
 
-def _change(
-    channel: str, before: Sequence[float], after: Sequence[float], healthy: float, claimed: bool
-) -> ChannelChange:
-    fall = np.array(before) - np.array(after)
+def _change(channel: str, before: ArrayLike, after: ArrayLike, healthy: float, claimed: bool) -> ChannelChange:
+    fall = np.subtract(before, after)
     return ChannelChange(
         channel=channel,
         before=float(np.sqrt(np.mean(np.square(before)))) if fall.size else 0.0,
@@ -325,22 +362,32 @@ def _fitted(tracing: Tracing, item: AttributedEffect) -> list[WindowInput]:
 def _windows(rig: Rig, tracing: Tracing, item: AttributedEffect | None) -> tuple[list[WindowInput], set[int]]:
     """The newest windows that can judge an effect, or the twin in use, and the indices of all that took part in no fit.
 
-    Windows whose speed changes through resonances are compared only where there are no others.
+    Windows whose speed changes through resonances are compared only where there are no others; those that only numbers
+    before a refit had not seen, where there are too few without.
     """
     measured = [w for w in tracing.history if kind_of(w.features, rig) == "measurement"]
-    items = tracing.found if item is None else (item,)
-    nominal = held_out([w.index for w in measured])
-    out = {w.index for w in measured if w.index in nominal or items}
-    out -= {index for one in items for index in one.fitted}
-    if not items:
+    if item is not None:
+        since = certain_since(tracing, item)
+        later = [w for w in measured if (w.features.revolutions or 0.0) >= since]
+        windows = _steady([w for w in later if w.index not in item.fitted])[-MOST_COMPARED:]
+        if len(windows) < LIMITS.least_windows:
+            unseen = (w for w in later if any(w.index not in n.fitted for n in item.earlier))
+            more = _steady([w for w in unseen if w.index in item.fitted])[len(windows) - LIMITS.least_windows :]
+            windows = sorted((*windows, *more), key=lambda w: w.index)
+        return windows, {w.index for w in measured if w.index not in item.fitted} | {w.index for w in windows}
+    out = held_out([w.index for w in measured])
+    out = ({w.index for w in measured} if tracing.found else out) - {i for one in tracing.found for i in one.fitted}
+    if not tracing.found:
         out -= set(tracing.latest.fitted)  # a trace since a remount begins with another window
-    since = max((certain_since(tracing, one) for one in items), default=0.0)
+    since = max((certain_since(tracing, one) for one in tracing.found), default=0.0)
     windows = [w for w in measured if w.index in out]
     later = [w for w in windows if (w.features.revolutions or 0.0) >= since]
-    if item is None:
-        later = later or windows
-    steady = [w for w in later if (w.features.level_uncertainty or 0.0) <= LEVEL.most_uncertain]
-    return (steady or later)[-MOST_COMPARED:], out
+    return _steady(later or windows)[-MOST_COMPARED:], out
+
+
+def _steady(windows: list[WindowInput]) -> list[WindowInput]:
+    """Those whose speed does not change through resonances, or all where there are none."""
+    return [w for w in windows if (w.features.level_uncertainty or 0.0) <= LEVEL.most_uncertain] or windows
 
 
 def learned_factors(tracing: Tracing, held_out_windows: Collection[int]) -> LearnedFactors:
