@@ -215,7 +215,8 @@ def judged_bearing(order, *windows):
     from twin.tracing.earned import _change
 
     item = AttributedEffect.of(kind, parameters={"order": (order, "", 0.02)}, log_evidence=22.6)
-    return judged(item, EffectErrors(before=None, after=None, changes=(_change("envelope", before, after, 0.0, True),)))
+    change = _change("envelope", before, after, 0.0, True, (1.0, 0.0))
+    return judged(item, EffectErrors(before=None, after=None, changes=(change,)))
 
 
 def test_bearing_whose_multiples_come_again_in_later_windows_has_earned_its_name():
@@ -249,7 +250,7 @@ def test_channel_that_holds_nothing_is_judged_by_nothing():
     assert _changes([(window(MESH, MESH), window(MESH, MESH))], True)[0].channel == "torque"
 
 
-# -- what one encoder alone shows ---------------------------------------------------------------------------------------
+# -- what one encoder alone shows -------------------------------------------------------------------------------------
 
 SIDEBANDS = np.array([3.0, 18.0, 20.0, 37.0, 39.0, 56.0, 58.0, 75.0])
 MADE = np.exp(1j * np.arange(8))  # of the sidebands, by an effect
@@ -279,19 +280,19 @@ def seen_by_the_encoder(count=3, **others):
                     channels={"acceleration": SILENT} | channels,
                     rms_measured=1.0,
                     rms_predicted=1.0,
-                )  # fmt: skip
+                )
             )
         pairs.append(tuple(pair))
     return errors(pairs)
 
 
 def other_content(size):
-    """Lines that have nothing to do with the effect: the first two are as large as the phases are wrong."""
+    """Lines whose phases have nothing to do with the effect."""
     return size * MADE * np.array([1, -1, 1j, -1j, 1, -1, 1j, -1j])
 
 
 @pytest.mark.parametrize("name", ["torque", "acceleration"])
-@pytest.mark.parametrize("size", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("size", [0.3, 0.6, 1.0])
 def test_channel_that_denies_what_an_effect_would_make_of_it_excuses_nothing(name, size):
     """A lobed disc: the error of the encoder fell by a larger factor than that of the torque rose by."""
     verdict = judged(effect("gear_eccentricity", 3e-5, 1e-6), seen_by_the_encoder(**{name: other_content(size)}))
