@@ -3,6 +3,7 @@
     d_w = e_w(without) − e_w(with),      e_w² = Σ|y − m|²/v / Σ|y|²/v over one channel's lines of a window w
     earned      mean(d) > s in a channel that the effect claims, and mean(d) ≥ −s in every channel that is left with
                 more than a healthy machine leaves, unless a claimed one falls by a larger factor than it rises by
+                and the channel may show the effect all the same (shown_share in moved_lines.py)
     suspected   the same where fewer windows than `least_windows` could say so
     refused     else, or where its size is impossible on this rig or as likely as not by chance
 
@@ -15,6 +16,9 @@ m  predicted by the twin in use without the effect alone, and with it; without i
 The windows are those recorded since the effect is certainly there that took no part in the fit of its numbers. A refit
 takes part in windows that its numbers of before had not seen: these are predicted by those numbers, where too few are
 left without. What no steady state predicts line by line claims content of its own (held_out_content.py).
+
+What has been there from the start, turns with a shaft and lowers the error of an encoder alone, may be the encoder's
+own disc: then the disc is a rival of the effect that the channels cannot tell from it.
 
     P(size by chance) = P(χ²_n > (x/σ)²)      n = 1, or 2 of an amplitude with a free phase; of what stands for many
                                              numbers, as pitch errors do, the detector says it by the lines' own noise
@@ -43,13 +47,14 @@ from twin.tracing.context import held_out
 from twin.tracing.healthy_lines import LearnedFactors, largest_healthy
 from twin.tracing.held_out_content import content_change
 from twin.tracing.held_out_error import (
+    ENCODERS,
     ChannelComparison,
     HeldOutComparison,
     compare,
     errors_of,
     residual_by_band_and_order,
 )
-from twin.tracing.moved_lines import MOVED_LINE_LIMITS, MovedLineLimits, counted_lines, moved_lines
+from twin.tracing.moved_lines import MOVED_LINE_LIMITS, MovedLineLimits, counted_lines, moved_lines, shown_share
 from twin.tracing.state import ChannelChange, EffectErrors, Refusal, Tracing, relevant
 from twin.tracing.unknown_held_out import path_without_fault, with_unknown
 from twin.updating.conditions import LEVEL, condition_of, kind_of
@@ -86,9 +91,21 @@ class EarnedLimits:
         meaning="rise of an error that counts at least",
         source="not derived: chosen so that an effect that changes nothing is not refused for rounding",
     )
+    least_shown: float = deciding(
+        0.5,
+        of="what the effect would make of a channel's lines",
+        meaning="share that a channel must be able to show, by two standard deviations, for its error to be excused",
+        source="derivation: the path to a sensor that lies within its tolerances is off by less than half",
+    )
+    chance_shown: float = deciding(
+        0.05,
+        meaning="probability that lines of no such cause agree with an effect as well, up to which a channel shows it",
+        source="convention; where it is larger the effect keeps its name, and its rival",
+    )
 
 
 LIMITS = EarnedLimits()
+DISC = "encoder_disc"  # of channel_faults.py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,6 +115,7 @@ class Judgement:
     kind: str  # "earned", "suspected" or "refused"
     reason: str = ""  # a clause; "" where it is earned
     merit: float = 0.0  # the clearest fall of a channel that it claims, in standard errors
+    rivals: tuple[str, ...] = ()  # what the channels that show it cannot tell it from
 
 
 def implausible(rig: Rig, item: AttributedEffect, limits: EarnedLimits = LIMITS) -> str | None:
@@ -188,7 +206,7 @@ def _errors_on(
         for version, group in by_numbers:
             without, present = content_change(version.addition.effect, group, _fitted(tracing, version))
             before, after = np.append(before, without), np.append(after, present)
-        changes = (_change(facts.claims, before, after, 0.0, True),)
+        changes = (_change(facts.claims, before, after, 0.0, True, (1.0, 0.0)),)
         return EffectErrors(before=errors, after=errors, changes=changes, windows=tuple(w.index for w in windows))
     pairs: list[Pair] = []
     for version, group in by_numbers:
@@ -260,7 +278,8 @@ def _changes(
         )
         count = sum(other.orders.size for _, other in used)
         healthy = float(np.sqrt(largest_healthy([np.ones(count)]) / sum(energies)))
-        out.append(_change(name, before, after, healthy, bool(shift > moves.least_move**2)))
+        claimed = bool(shift > moves.least_move**2)
+        out.append(_change(name, before, after, healthy, claimed, shown_share(used)))
     return tuple(out)
 
 
@@ -278,7 +297,9 @@ def _counted(
     return one.chosen(use), other.chosen(use)
 
 
-def _change(channel: str, before: ArrayLike, after: ArrayLike, healthy: float, claimed: bool) -> ChannelChange:
+def _change(
+    channel: str, before: ArrayLike, after: ArrayLike, healthy: float, claimed: bool, shown: tuple[float, float]
+) -> ChannelChange:
     fall = np.subtract(before, after)
     return ChannelChange(
         channel=channel,
@@ -288,6 +309,7 @@ def _change(channel: str, before: ArrayLike, after: ArrayLike, healthy: float, c
         std=float(np.std(fall, ddof=1) / np.sqrt(fall.size)) if fall.size > 1 else 0.0,
         healthy=healthy,
         claimed=claimed,
+        shown=shown,
         windows=int(fall.size),
     )
 
@@ -303,17 +325,32 @@ def judged(item: AttributedEffect, errors: EffectErrors, limits: EarnedLimits = 
     rising = [
         c
         for c in errors.changes
-        if -c.fall > max(c.std, limits.worse * c.before) and c.after > c.healthy and _ratio(c) < -most
+        if -c.fall > max(c.std, limits.worse * c.before)
+        and c.after > c.healthy
+        and (_ratio(c) < -most or (c.claimed and c.shown[0] + 2 * c.shown[1] < limits.least_shown))
     ]
     merit = max((c.fall / max(c.std, 1e-12) for c in claimed), default=-np.inf)
     if not falling:
         return Judgement(kind="refused", reason=_unimproved(errors.changes, claimed), merit=merit)
     if rising:
         return Judgement(kind="refused", reason=f"{_said(rising[0])} rises with it", merit=merit)
+    rivals = _rivals(item, errors.changes, limits)
     if count < limits.least_windows:
         number = "one held-out window" if count == 1 else f"{count} held-out windows"
-        return Judgement(kind="suspected", reason=f"only {number} since its onset could test it", merit=merit)
-    return Judgement(kind="earned", merit=merit)
+        reason = f"only {number} since its onset could test it"
+        return Judgement(kind="suspected", reason=reason, merit=merit, rivals=rivals)
+    return Judgement(kind="earned", merit=merit, rivals=rivals)
+
+
+def _rivals(item: AttributedEffect, changes: Sequence[ChannelChange], limits: EarnedLimits) -> tuple[str, ...]:
+    """The encoder's disc, where what turns with a shaft from the start is shown by no channel but the encoders'."""
+    if item.addition.effect.period == "mesh" or item.addition.onset_revolutions > 0:
+        return ()
+    clear = np.sqrt(-2 * np.log(limits.chance_shown))
+    others = [c for c in changes if c.channel not in ENCODERS]
+    by_encoder = any(c.claimed and c.fall > c.std for c in changes if c.channel in ENCODERS)
+    confirmed = any(c.shown[0] > clear * c.shown[1] or (c.claimed and c.fall > c.std) for c in others)
+    return (DISC,) if by_encoder and not confirmed else ()
 
 
 def _ratio(change: ChannelChange) -> float:
