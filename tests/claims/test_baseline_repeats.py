@@ -10,7 +10,7 @@ import pytest
 
 from service.cli.baseline_report import learned_text, text
 from service.contract.baseline import Baseline as Contract
-from service.files.baseline import Loaded, answer, read_baseline, save
+from service.files.baseline import Loaded, answer, modulation_of, read_baseline, save
 from tests.claims.healthy_machines import Machine
 from twin.baseline.comparison import (
     TrackedWindow,
@@ -23,9 +23,12 @@ from twin.baseline.comparison import (
 )
 from twin.baseline.learned import Baseline
 from twin.baseline.leaving_out import learn
+from twin.baseline.modulation import least_new
+from twin.baseline.off_line_changes import student_limit
 from twin.baseline.recordings import counted
 from twin.baseline.repeats import LINES, PATTERN, RAW, SPACINGS, factor_of
 from twin.baseline.sufficiency import thin_for_teeth
+from twin.baseline.transfer_path import over_usual
 from twin.errors import ParameterError
 from twin.windows import Samples
 
@@ -204,9 +207,27 @@ def test_a_recording_without_an_angle_is_judged_by_its_raw_levels_alone():
 
 
 def test_a_limit_is_raised_by_what_recordings_left_out_show():
-    assert factor_of([0.2, 0.5, 0.9, 0.3]) == 1.0
-    assert 1.5 < factor_of([0.3, 0.5, 0.6, 1.2, 0.4, 0.5]) < 10
-    assert factor_of([1.2, 3.0, 0.5, 1.1]) == np.inf  # most are beyond: it is not compared
+    assert factor_of([0.2, 0.5, 0.9, 0.3], 0.01) == 1.0
+    assert 1.5 < factor_of([0.3, 0.5, 0.6, 1.2, 0.4, 0.5], 0.01) < factor_of([0.3, 0.5, 0.6, 1.2, 0.4, 0.5], 1e-3) < 20
+    assert factor_of([1.2, 3.0, 0.5, 1.1], 0.01) == np.inf  # most are beyond: it is not compared
+
+
+def test_few_recordings_and_many_measures_ask_for_a_larger_change():
+    assert student_limit(9, 142) > student_limit(18, 142) > student_limit(18, 71) > 4
+    assert over_usual(6, 5, 2) > over_usual(6, 7, 2) > over_usual(6, 7, 1) > 1.5
+    known = np.full((5, 6), 0.06) + 0.01 * np.random.default_rng(1).normal(size=(5, 6))
+    assert np.all(least_new(known, 2) > known.max(axis=0) + 0.04)
+
+
+@pytest.mark.parametrize(("seed", "recording"), [(3, 4), (7, 6), (0, 4), (15, 0)])
+def test_the_limits_of_six_recordings_hold_for_a_seventh(seed, recording):
+    """White noise, a sensor's path and modulations that the noise had hidden before were changes of healthy machines."""
+    machine = Machine(seed=seed, repeats=seed != 0)
+    others = [r for i, r in enumerate(readings(machine)) if i != recording]
+    known, new = learn(machine.rig, others, pair_shafts(machine.rig)), window(machine, recording, "new#0")
+    found = compare_with_baseline(known, machine.rig, [new])
+    assert not is_changed(found), found.unexplained.reason
+    assert not any(m.new for m in modulation_of(Loaded(machine.rig, "bench", [new], [], []), known))
 
 
 def test_tooth_pattern_that_healthy_recordings_repeat_is_compared():

@@ -124,10 +124,10 @@ def test_white_noise_is_told_from_noise_of_one_band():
     """Floors of six bands, ŷ from −4 to 1; white noise of RMS r adds r²·ln 2 to the median of every band's power."""
     y, rms, std = np.linspace(-4.0, 1.0, 6), 0.5, 0.05
     risen = 0.5 * np.log1p(rms**2 * np.log(2) * np.exp(-2 * y))
-    found = added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen)])
+    found = added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen)], 1)
     assert found is not None and found.rms == pytest.approx(rms, rel=0.02)
     assert found.deviation == pytest.approx(np.sqrt(np.sum((risen / std) ** 2)), rel=0.01)
-    assert added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen[::-1])]) is None
+    assert added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen[::-1])], 1) is None
 
 
 def floor(i, expected, change, std):

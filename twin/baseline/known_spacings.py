@@ -12,10 +12,10 @@ import numpy as np
 
 from twin.baseline.learned import Baseline
 from twin.baseline.reading import SpacingSeen, WindowReading
-from twin.baseline.repeats import SPACINGS
-from twin.baseline.spacing_search import DEFAULT as SEARCH
+from twin.baseline.repeats import SPACINGS, share_of
 
 RELATED = (0.5, 1.0, 2.0)
+CLEAR = -float(np.log(share_of(1)))  # clearness of a spacing that is new [nat]
 REACH = 3.0  # spectral lines, up to which two spacings are one: as in the search itself
 
 
@@ -33,7 +33,7 @@ def _same(one: SpacingSeen, here: WindowReading, other: SpacingSeen, there: Wind
 
 def is_new(spacing: SpacingSeen, reading: WindowReading, baseline: Baseline) -> bool:
     """Whether a spacing of a window is none of the healthy recordings' and clearer than what they have of their own."""
-    clear = spacing.clearness > -float(np.log(SEARCH.chance)) * baseline.repeats.factor(SPACINGS)
+    clear = spacing.clearness > CLEAR * baseline.repeats.factor(SPACINGS)
     return clear and not showing(spacing, reading, baseline.readings)
 
 
@@ -50,4 +50,4 @@ def clearest_over(reading: WindowReading, healthy: Iterable[WindowReading]) -> f
     """Clearness of the clearest free spacing that no healthy recording shows, over that from which it is found."""
     known = list(healthy)
     new = [s.clearness for s in reading.spacings if s.free and not showing(s, reading, known)]
-    return max(new, default=0.0) / -float(np.log(SEARCH.chance))
+    return max(new, default=0.0) / CLEAR

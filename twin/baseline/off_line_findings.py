@@ -11,7 +11,6 @@ is no finding of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,9 +18,16 @@ from twin.assessment import ParameterValue
 from twin.baseline.findings import BaselineComparison
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named, majority
-from twin.baseline.off_line_changes import DEFAULT, OffLineChange, OffLineThresholds, added_noise, off_line_changes
+from twin.baseline.off_line_changes import (
+    DEFAULT,
+    AddedNoise,
+    OffLineChange,
+    OffLineThresholds,
+    added_noise,
+    off_line_changes,
+)
 from twin.baseline.off_lines import OffLines
-from twin.baseline.repeats import OFF_LINES
+from twin.baseline.repeats import NOISE, OFF_LINES
 from twin.baseline.shaft_names import LOCAL_ALTERNATIVES
 
 MOST_SAID = 3  # measures in one sentence
@@ -60,33 +66,29 @@ def off_lines_named(
     explained = {channel for effect in known if effect.name not in TIMING for channel in effect.channels}
     out = []
     for channel in dict.fromkeys(c.channel for window in changes for c in window):
-        raised = _raised(baseline, channel, limits)
+        raised = baseline.repeats.factor(OFF_LINES, channel)
         own = [[c for c in window if c.channel == channel] for window in changes]
-        at = {i: w for i, w in enumerate(own) if w and abs(w[0].deviation) > raised.changed}
-        at |= {i: w for i, w in enumerate(own) if added_noise(w, raised) is not None}
+        noise = {i: n for i, w in enumerate(own) if (n := added_noise(w, len(baseline.std))) is not None}
+        heard = {i for i, n in noise.items() if n.over > baseline.repeats.factor(NOISE, channel)}
+        at = {i: w for i, w in enumerate(own) if w and (w[0].over > raised or i in heard)}
         if channel in explained or not majority(list(at), len(changes)):
             continue
         i, strongest = max(at.items(), key=lambda item: abs(item[1][0].deviation))
-        named = _off_line(compared[i], channel, strongest, tuple(sorted(at)), raised)
+        named = _off_line(compared[i], channel, strongest, tuple(sorted(at)), raised, noise.get(i), limits)
         if not struck or named.name != "unknown_effect":
             out.append(named)
     return out
 
 
-def _raised(baseline: Baseline, channel: str, limits: OffLineThresholds) -> OffLineThresholds:
-    """The limits of one channel, as far as healthy recordings left out have raised them."""
-    return replace(limits, changed=limits.changed * baseline.repeats.factor(OFF_LINES, channel))
-
-
 def nearly_changed(baseline: Baseline, changes: Sequence[Changes], limits: OffLineThresholds = DEFAULT) -> str:
     """That a measure is near what would be named; empty where none is."""
-    least = {c.channel: limits.suspected * _raised(baseline, c.channel, limits).changed for w in changes for c in w}
-    near = [next((c for c in window if abs(c.deviation) > least[c.channel]), None) for window in changes]
+    raised = {c.channel: baseline.repeats.factor(OFF_LINES, c.channel) for w in changes for c in w}
+    near = [next((c for c in w if c.over > limits.suspected * raised[c.channel]), None) for w in changes]
     found = [c for c in near if c is not None]
     if not majority(range(len(found)), len(changes)):
         return ""
     most = max(found, key=lambda c: abs(c.deviation))
-    changed = least[most.channel] / limits.suspected
+    changed = most.limit * raised[most.channel]
     return (
         f"{most.measure} of {most.channel} is {np.exp(most.change):.2f} times the healthy value "
         f"({abs(most.deviation):.1f} standard deviations, where {changed:.3g} are a change)"
@@ -98,13 +100,14 @@ def _off_line(
     channel: str,
     changes: Changes,
     windows: tuple[int, ...],
+    raised: float,
+    noise: AddedNoise | None,
     limits: OffLineThresholds,
 ) -> Named:
     """One channel's changes off the lines, by the first kind that it shows."""
     off = compared.reading.channels[channel].off
-    clear = [c for c in changes if abs(c.deviation) > limits.changed]
+    clear = [c for c in changes if c.over > raised]
     rises = [c for c in clear if c.deviation > 0]
-    noise = added_noise(changes, limits)
     free = [c for c in rises if c.measure.startswith("impacts of no shaft")]
     turns = [c for c in rises if c.measure.startswith("impacts once")]
     tones = [c for c in rises if c.measure.startswith("tone")]
