@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from service.cli.baseline_report import learned_text, text
 from service.contract.baseline import Baseline as Contract
-from service.files.baseline import Loaded, answer, modulation_of, read_baseline, save
+from service.files.baseline import Loaded, answer, load, modulation_of, read_baseline, save
+from service.stream.sources.mcap import read_windows
 from tests.claims.healthy_machines import Machine
+from tests.instrument_faults import clock
 from twin.baseline.comparison import (
     TrackedWindow,
     compare_levels,
@@ -21,12 +24,15 @@ from twin.baseline.comparison import (
     read_lines,
     tracked,
 )
+from twin.baseline.known_spacings import new_spacings
 from twin.baseline.learned import Baseline
 from twin.baseline.leaving_out import learn
 from twin.baseline.modulation import least_new
 from twin.baseline.off_line_changes import student_limit
+from twin.baseline.reading import SpacingSeen
 from twin.baseline.recordings import counted
 from twin.baseline.repeats import LINES, PATTERN, RAW, SPACINGS, factor_of
+from twin.baseline.shaft_names import belonging
 from twin.baseline.sufficiency import thin_for_teeth
 from twin.baseline.transfer_path import over_usual
 from twin.errors import ParameterError
@@ -105,6 +111,31 @@ def test_lines_of_no_shaft_that_no_healthy_recording_shows_are_new():
     assert (
         found.unexplained.verdict == "unknown_effect" and "no healthy recording shows them" in found.unexplained.reason
     )
+
+
+def test_new_lines_of_another_geared_shaft_are_a_change_too():
+    """The panel said "new" while the status was normal."""
+    first, *others = readings(PLAIN)
+    seen = (SpacingSeen(order=10 / 3, clearness=40.0, free=False),)
+    known = learn(PLAIN.rig, others, pair_shafts(PLAIN.rig))
+    assert "belong to no known shaft" in new_spacings(known, [replace(first, spacings=seen)])
+
+
+@pytest.mark.parametrize(("order", "said"), [
+    (9.5, "belong to a fraction of the mesh order"), (1 / 53 * 2, "belong to the tooth-hunting period"),
+    (3.0, "belong to the pinion"), (3.57, "belong to no known shaft"),
+])  # fmt: skip
+def test_sentences_of_a_baseline_say_of_an_order_what_all_others_do(order, said):
+    assert belonging(order, (19, 53), 0.002) == said
+
+
+def test_recordings_of_a_baseline_pass_the_examination_of_their_instruments(monkeypatch):
+    path = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
+    rig, first, windows = read_windows(path)
+    spoiled = [clock(300.0)(windows[5], np.random.default_rng(0))]
+    monkeypatch.setattr("service.files.baseline.read_windows", lambda *given: (rig, first, spoiled))
+    (found,) = load(path).windows
+    assert {f.kind for f in found.window.faults} == {"clock_rate"}
 
 
 def test_a_spacing_is_compared_with_what_healthy_recordings_have_of_their_own():
@@ -221,7 +252,7 @@ def test_few_recordings_and_many_measures_ask_for_a_larger_change():
 
 @pytest.mark.parametrize(("seed", "recording"), [(3, 4), (7, 6), (0, 4), (15, 0)])
 def test_the_limits_of_six_recordings_hold_for_a_seventh(seed, recording):
-    """White noise, a sensor's path and modulations that the noise had hidden before were changes of healthy machines."""
+    """White noise, a sensor's path and modulations that noise had hidden were changes of healthy machines."""
     machine = Machine(seed=seed, repeats=seed != 0)
     others = [r for i, r in enumerate(readings(machine)) if i != recording]
     known, new = learn(machine.rig, others, pair_shafts(machine.rig)), window(machine, recording, "new#0")

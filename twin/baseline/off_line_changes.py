@@ -57,8 +57,9 @@ class OffLineThresholds:
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
     )  # fmt: skip
     of_mains: float = deciding(
-        0.5, unit="Hz", meaning="distance from a multiple of 50 or 60 Hz up to which a tone is hum",
-        source="derivation: 1 % of 50 Hz, within which grids stay (EN 50160), and the width of a line",
+        0.004, of="mains frequency", meaning="distance from 50 or 60 Hz and their multiples up to which a tone is hum, "
+        "beside the resolution of its spectrum",
+        source="grids of Europe and America stay within 0.2 Hz in ordinary operation",
     )  # fmt: skip
     noise_left: float = deciding(
         0.25, of="squared deviations of the noise floors", meaning="share that white noise of one power may leave",
