@@ -16,7 +16,6 @@ from twin.baseline.repeats import SPACINGS, share_of
 from twin.baseline.shaft_names import belonging
 
 RELATED = (0.5, 1.0, 2.0)
-CLEAR = -float(np.log(share_of(1)))  # clearness of a spacing that is new [nat]
 REACH = 3.0  # spectral lines, up to which two spacings are one: as in the search itself
 
 
@@ -32,9 +31,14 @@ def _same(one: SpacingSeen, here: WindowReading, other: SpacingSeen, there: Wind
     return in_orders < reach or in_hertz < reach * here.speed_hz
 
 
+def least_clear() -> float:
+    """Clearness of a spacing that is new: as rare by chance as its share of the false alarms [nat]."""
+    return -float(np.log(share_of(1)))
+
+
 def is_new(spacing: SpacingSeen, reading: WindowReading, baseline: Baseline) -> bool:
     """Whether a spacing of a window is none of the healthy recordings' and clearer than what they have of their own."""
-    clear = spacing.clearness > CLEAR * baseline.repeats.factor(SPACINGS)
+    clear = spacing.clearness > least_clear() * baseline.repeats.factor(SPACINGS)
     return clear and not showing(spacing, reading, baseline.readings)
 
 
@@ -54,4 +58,4 @@ def clearest_over(reading: WindowReading, healthy: Iterable[WindowReading]) -> f
     """Clearness of the clearest spacing that no healthy recording shows, over that from which it is found."""
     known = list(healthy)
     new = [s.clearness for s in reading.spacings if not showing(s, reading, known)]
-    return max(new, default=0.0) / CLEAR
+    return max(new, default=0.0) / least_clear()
