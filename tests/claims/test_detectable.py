@@ -173,6 +173,7 @@ def test_an_answer_that_nothing_was_found_carries_and_prints_what_could_have_bee
     assert found["false_alarms"]["rate"] == 0.01 and found["false_alarms"]["per_machine_year"] > 0
     said = "\n".join(could_be_found(found))
     assert "tooth crack: stiffness loss from 0." in said and "a year, by" in said
+    assert said.splitlines() == [found["said"][0], *(f"  {line}" for line in found["said"][1:])]
 
 
 def test_nothing_is_said_of_it_where_an_alarm_was_found_or_no_search_was_made():
