@@ -196,7 +196,7 @@ def _bearing(rig: Rig, windows: Sequence[WindowFeatures], phase: float | None) -
         "not known"
     )
     if ratio == inf:
-        return _none(*none, f"no size would have been found: {basis}", hidden=True)
+        return _none(*none, f"no size would have been found: {basis}")
     return SmallestSize(
         name="bearing_defect", parameter="acceleration_rms", unit="m/s²", value=ratio * latest.noise_rms, basis=basis
     )
