@@ -1,6 +1,6 @@
 """Product and raw limit beside healthy baselines: false alarms, healthy recordings left out in turn, and faults found.
 
-    python -m benchmarks.healthy_baselines [--machines N] [--processes N]
+    python -m benchmarks.healthy_baselines [--first SEED] [--machines N] [--processes N]
 
 40 machines of plain formulas (tests/claims/healthy_machines.py): ten whose teeth show no pattern that repeats, ten with
 foreign sidebands while healthy, ten with a sensor at its rail, ten without any of these; seven healthy recordings of a
@@ -22,10 +22,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.measured import LOADS, MEASURED, THIRD, imported
-from service.files.baseline import load
+from service.files.baseline import Loaded, load, modulation_of
 from tests.claims.healthy_machines import Machine
 from twin.baseline.comparison import (
-    BaselineResult,
     compare_levels,
     compare_with_baseline,
     pair_shafts,
@@ -39,7 +38,7 @@ from twin.errors import TwinError
 from twin.rig import Rig
 from twin.windows import Window
 
-MACHINES = 40
+FIRST, MACHINES = 200, 40  # limits were set on the machines 0 to 39, and once more after 100 to 139
 HEALTHY = 7
 LEAST = 4  # that must be usable for a machine to take part
 FAULTS = ("impact", "level", "noise", "foreign")
@@ -57,16 +56,15 @@ Judged = tuple[bool, bool, bool]  # whether the product calls a recording change
 
 def judged(baseline: Baseline, rig: Rig, window: Window) -> Judged:
     """One window beside a baseline."""
+    modulated = False
     try:
-        found = compare_with_baseline(baseline, rig, [tracked(rig, window, "new#0", baseline.shafts)])
+        new = tracked(rig, window, "new#0", baseline.shafts)
+        found = compare_with_baseline(baseline, rig, [new])
+        modulated = any(m.new for m in modulation_of(Loaded(rig, "", [new], [], []), baseline))
     except TwinError as error:
         found = compare_levels(baseline, rig, [window], str(error))
-    return _judged(found)
-
-
-def _judged(found: BaselineResult) -> Judged:
-    changed = bool(found.effects) or found.unexplained.verdict == "unknown_effect"
-    return changed, bool(found.raw_limit.exceeded), found.raw_limit.decides_alone
+    changed = modulated or bool(found.effects) or found.unexplained.verdict == "unknown_effect"
+    return changed, bool(found.raw_limit.exceeded), found.raw_limit.decides_alone and not modulated
 
 
 def of_number(number: int) -> list[tuple[str, Judged]]:
@@ -132,12 +130,13 @@ def row(name: str, found: Sequence[tuple[str, Judged]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first machine")
     parser.add_argument("--machines", type=int, default=MACHINES, help="simulated ones, of four kinds in turn")
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
     with ProcessPoolExecutor(given.processes) as pool:
         broken = pool.submit(measured) if MEASURED.is_dir() else None
-        machines = list(pool.map(of_number, range(given.machines)))
+        machines = list(pool.map(of_number, range(given.first, given.first + given.machines)))
         print(f"{'':<28}healthy, left out in turn              faulty")
         print(f"{'':<28}" + "    ".join(["product      raw limit    alone lost"] * 2))
         for kind, name in enumerate(KINDS):

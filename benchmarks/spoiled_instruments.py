@@ -1,6 +1,6 @@
 """What is said of machines whose instruments are at fault, healthy ones and ones with a fault beside it.
 
-    python -m benchmarks.spoiled_instruments [--faulty] [KIND …]
+    python -m benchmarks.spoiled_instruments [--faulty] [--seed N] [KIND …]
 
 The windows of a simulated campaign are spoiled in each way of tests/instrument_faults.py, all of them or those of its
 second half, laid out again as those of a stream are, and traced. Counted are effects of gears and bearings that the
@@ -10,6 +10,7 @@ machine got such a name.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -77,22 +78,27 @@ def said(rig: Rig, windows: Sequence[Window]) -> tuple[list[str], str, set[str]]
     return [e["name"] for e in found.report["effects"]], found.report["status"]["level"], kinds
 
 
-def cases(kinds: Sequence[str]) -> Iterator[tuple[str, Spoil, int]]:
-    """Name, way to spoil, and the first window that is spoiled, as a share of 2."""
+def cases(kinds: Sequence[str], seed: int) -> Iterator[tuple[str, Spoil, int]]:
+    """Name, way to spoil, and the first window that is spoiled, as a share of 2: each in turn, by the seed too."""
     for kind in kinds or KINDS:
         for i, spoil in enumerate(KINDS[kind]):
-            yield f"{kind} {i}", spoil, i % 2
+            yield f"{kind} {i}", spoil, (i + seed) % 2
 
 
 def main(arguments: Sequence[str]) -> int:
-    faulty = "--faulty" in arguments
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--faulty", action="store_true", help="a machine with a cracked tooth")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("kinds", nargs="*", choices=[*KINDS, []], metavar="KIND")
+    given = parser.parse_args(arguments)
+    faulty = given.faulty
     rig, windows = windows_of(RECORDINGS / f"{'faulty' if faulty else 'short'}-campaign.mcap")
     sound, level, _ = said(rig, windows)
     print(f"sound: {', '.join(sound) or 'no effect'}; {level}", flush=True)
     real = set(sound) - OF_INSTRUMENTS - NO_NAME
     count = false = lost = 0
-    for name, spoil, late in cases([a for a in arguments if not a.startswith("--")]):
-        chance, first = np.random.default_rng(count), late * len(windows) // 2
+    for name, spoil, late in cases(given.kinds, given.seed):
+        chance, first = np.random.default_rng((given.seed, count)), late * len(windows) // 2
         spoiled = [laid(rig, spoil(w, chance) if i >= first else w) for i, w in enumerate(windows)]
         names, level, kinds = said(rig, spoiled)
         machine = set(names) - OF_INSTRUMENTS - NO_NAME

@@ -131,22 +131,7 @@ def _wear(wear: Mapping[str, Any], mesh_stiffness: str | None) -> list[str]:
 
 def could_be_found(found: Mapping[str, Any] | None) -> list[str]:
     """What the windows would have shown where nothing was found, and the false alarms of a year."""
-    if not found:
-        return []
-    lines = [f"What {found['windows']} windows would have shown, where nothing was found:"]
-    for one in found["effects"]:
-        what, of = one["name"].replace("_", " "), one["parameter"].replace("_", " ")
-        value = one["value"]
-        from_ = f"{of} from {number(value)} {one['unit']}".rstrip() if value is not None else "nothing"
-        lines.append(f"  {what}: {from_} ({one['basis']})")
-    alarms = found["false_alarms"]
-    if alarms.get("per_machine_year") is None:
-        return [*lines, f"  {alarms['reason']}"]
-    return [
-        *lines,
-        f"  false alarms of a healthy machine: at most {number(alarms['per_machine_year'])} a year, by "
-        f"{alarms['searches_per_year']:.0f} searches at a rate of {100 * alarms['rate']:g} %",
-    ]
+    return [f"{'  ' if i else ''}{line}" for i, line in enumerate((found or {}).get("said") or ())]
 
 
 def _validity(validity: Any) -> list[str]:

@@ -37,17 +37,18 @@ class Detectable(ContractModel):
     windows: int = Field(description="measurement windows that were searched")
     effects: list[SmallestSize]
     false_alarms: FalseAlarms | NotAvailable
+    said: list[str] = Field(default=[], description="the same in words, a heading first, as every view prints it")
 
     @classmethod
     def of(cls, found: assessment.Detectable) -> Detectable:
         from twin.assessment import Unavailable
 
-        alarms = found.false_alarms
+        sizes, alarms = found.sizes, found.false_alarms
         return cls(
             windows=found.windows,
             effects=[
                 SmallestSize(name=s.name, parameter=s.parameter, unit=s.unit, value=s.value, basis=s.basis)
-                for s in found.sizes
+                for s in sizes
             ],
             false_alarms=NotAvailable.of(alarms)
             if isinstance(alarms, Unavailable)
@@ -55,4 +56,24 @@ class Detectable(ContractModel):
                 per_machine_year=alarms.expected, rate=alarms.rate, searches_per_year=alarms.searches,
                 windows_per_year=alarms.windows,
             ),
+            said=[
+                f"What {found.windows} windows would have shown, where nothing was found:",
+                *map(_size, sizes),
+                alarms.reason if isinstance(alarms, Unavailable) else _alarms(alarms),
+            ],
         )  # fmt: skip
+
+
+def _size(one: assessment.SmallestSize) -> str:
+    """One smallest size in words."""
+    of = one.parameter.replace("_", " ")
+    from_ = "nothing" if one.value is None else f"{of} from {one.value:.4g} {one.unit}".rstrip()
+    return f"{one.name.replace('_', ' ')}: {from_} ({one.basis})"
+
+
+def _alarms(found: assessment.FalseAlarms) -> str:
+    """The false alarms of a year in words."""
+    return (
+        f"false alarms of a healthy machine: at most {found.expected:.4g} a year, by {found.searches:.0f} searches at "
+        f"a rate of {100 * found.rate:g} %"
+    )

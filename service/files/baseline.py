@@ -25,7 +25,7 @@ from service.contract.baseline import BaselineWindow, UnattributedLines, Unattri
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.modulation import Modulation
 from service.errors import InputError
-from service.files.rig import assembly_for, checked_rig
+from service.files.rig import assembly_for, checked_rig, window_of_rig
 from service.json_text import plain
 from service.runtime.assess import choose_asset, rig_of
 from service.stream.assembly import DEFAULT, AssemblySettings
@@ -105,7 +105,7 @@ def load(
         raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
     windows, refused, untracked = [], [], []
     for i, window in enumerate(read_windows(path, assembly_for(rig, assembly), prefix)[2]):
-        own = f"{name or path.stem}#{i}"
+        own, window = f"{name or path.stem}#{i}", window_of_rig(rig, window)
         try:
             windows.append(tracked(rig, window, own, shafts))
         except TwinError as error:

@@ -217,7 +217,8 @@ def _limits(answer: Mapping[str, Any]) -> list[str]:
         out.append(f"The residual could not be judged: {_sentence(left['reason'], capital=False)}")
     if left.get("verdict") == "explained" and left.get("reason"):
         out.append(f"Small, and of no known effect: {_sentence(left['reason'], capital=False)}")
-    return out
+    found, *sizes = (answer.get("detectable") or {}).get("said") or ("",)
+    return [*out, f"{found} {'; '.join(sizes)}."] if sizes else out
 
 
 def _method(answer: Mapping[str, Any]) -> list[str]:

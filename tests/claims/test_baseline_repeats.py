@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from service.cli.baseline_report import learned_text, text
 from service.contract.baseline import Baseline as Contract
-from service.files.baseline import Loaded, answer, read_baseline, save
+from service.files.baseline import Loaded, answer, load, modulation_of, read_baseline, save
+from service.stream.sources.mcap import read_windows
 from tests.claims.healthy_machines import Machine
+from tests.instrument_faults import clock
 from twin.baseline.comparison import (
     TrackedWindow,
     compare_levels,
@@ -21,11 +24,17 @@ from twin.baseline.comparison import (
     read_lines,
     tracked,
 )
+from twin.baseline.known_spacings import new_spacings
 from twin.baseline.learned import Baseline
 from twin.baseline.leaving_out import learn
+from twin.baseline.modulation import least_new
+from twin.baseline.off_line_changes import student_limit
+from twin.baseline.reading import SpacingSeen
 from twin.baseline.recordings import counted
 from twin.baseline.repeats import LINES, PATTERN, RAW, SPACINGS, factor_of
+from twin.baseline.shaft_names import belonging
 from twin.baseline.sufficiency import thin_for_teeth
+from twin.baseline.transfer_path import over_usual
 from twin.errors import ParameterError
 from twin.windows import Samples
 
@@ -102,6 +111,31 @@ def test_lines_of_no_shaft_that_no_healthy_recording_shows_are_new():
     assert (
         found.unexplained.verdict == "unknown_effect" and "no healthy recording shows them" in found.unexplained.reason
     )
+
+
+def test_new_lines_of_another_geared_shaft_are_a_change_too():
+    """The panel said "new" while the status was normal."""
+    first, *others = readings(PLAIN)
+    seen = (SpacingSeen(order=10 / 3, clearness=40.0, free=False),)
+    known = learn(PLAIN.rig, others, pair_shafts(PLAIN.rig))
+    assert "belong to no known shaft" in new_spacings(known, [replace(first, spacings=seen)])
+
+
+@pytest.mark.parametrize(("order", "said"), [
+    (9.5, "belong to a fraction of the mesh order"), (1 / 53 * 2, "belong to the tooth-hunting period"),
+    (3.0, "belong to the pinion"), (3.57, "belong to no known shaft"),
+])  # fmt: skip
+def test_sentences_of_a_baseline_say_of_an_order_what_all_others_do(order, said):
+    assert belonging(order, (19, 53), 0.002) == said
+
+
+def test_recordings_of_a_baseline_pass_the_examination_of_their_instruments(monkeypatch):
+    path = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
+    rig, first, windows = read_windows(path)
+    spoiled = [clock(300.0)(windows[5], np.random.default_rng(0))]
+    monkeypatch.setattr("service.files.baseline.read_windows", lambda *given: (rig, first, spoiled))
+    (found,) = load(path).windows
+    assert {f.kind for f in found.window.faults} == {"clock_rate"}
 
 
 def test_a_spacing_is_compared_with_what_healthy_recordings_have_of_their_own():
@@ -204,9 +238,27 @@ def test_a_recording_without_an_angle_is_judged_by_its_raw_levels_alone():
 
 
 def test_a_limit_is_raised_by_what_recordings_left_out_show():
-    assert factor_of([0.2, 0.5, 0.9, 0.3]) == 1.0
-    assert 1.5 < factor_of([0.3, 0.5, 0.6, 1.2, 0.4, 0.5]) < 10
-    assert factor_of([1.2, 3.0, 0.5, 1.1]) == np.inf  # most are beyond: it is not compared
+    assert factor_of([0.2, 0.5, 0.9, 0.3], 0.01) == 1.0
+    assert 1.5 < factor_of([0.3, 0.5, 0.6, 1.2, 0.4, 0.5], 0.01) < factor_of([0.3, 0.5, 0.6, 1.2, 0.4, 0.5], 1e-3) < 20
+    assert factor_of([1.2, 3.0, 0.5, 1.1], 0.01) == np.inf  # most are beyond: it is not compared
+
+
+def test_few_recordings_and_many_measures_ask_for_a_larger_change():
+    assert student_limit(9, 142) > student_limit(18, 142) > student_limit(18, 71) > 4
+    assert over_usual(6, 5, 2) > over_usual(6, 7, 2) > over_usual(6, 7, 1) > 1.5
+    known = np.full((5, 6), 0.06) + 0.01 * np.random.default_rng(1).normal(size=(5, 6))
+    assert np.all(least_new(known, 2) > known.max(axis=0) + 0.04)
+
+
+@pytest.mark.parametrize(("seed", "recording"), [(3, 4), (7, 6), (0, 4), (15, 0)])
+def test_the_limits_of_six_recordings_hold_for_a_seventh(seed, recording):
+    """White noise, a sensor's path and modulations that noise had hidden were changes of healthy machines."""
+    machine = Machine(seed=seed, repeats=seed != 0)
+    others = [r for i, r in enumerate(readings(machine)) if i != recording]
+    known, new = learn(machine.rig, others, pair_shafts(machine.rig)), window(machine, recording, "new#0")
+    found = compare_with_baseline(known, machine.rig, [new])
+    assert not is_changed(found), found.unexplained.reason
+    assert not any(m.new for m in modulation_of(Loaded(machine.rig, "bench", [new], [], []), known))
 
 
 def test_tooth_pattern_that_healthy_recordings_repeat_is_compared():

@@ -9,8 +9,9 @@ from tests.claims.test_baseline import RATE, RIG, SHAFTS, SPEED, healthy, machin
 from twin.baseline.diagnosis import diagnose
 from twin.baseline.findings import compare
 from twin.baseline.low_frequency import low_frequency_rival
-from twin.baseline.off_line_changes import OffLineChange, added_noise, off_line_changes, student_evidence
-from twin.baseline.off_lines import off_lines
+from twin.baseline.off_line_changes import DEFAULT, OffLineChange, added_noise, off_line_changes, student_evidence
+from twin.baseline.off_line_findings import _of_mains
+from twin.baseline.off_lines import TONE_BLOCK, OffLines, off_lines
 from twin.baseline.reading import angle_of
 from twin.baseline.sensor_timing import timing_changes
 from twin.windows import Samples
@@ -124,10 +125,10 @@ def test_white_noise_is_told_from_noise_of_one_band():
     """Floors of six bands, ŷ from −4 to 1; white noise of RMS r adds r²·ln 2 to the median of every band's power."""
     y, rms, std = np.linspace(-4.0, 1.0, 6), 0.5, 0.05
     risen = 0.5 * np.log1p(rms**2 * np.log(2) * np.exp(-2 * y))
-    found = added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen)])
+    found = added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen)], 1)
     assert found is not None and found.rms == pytest.approx(rms, rel=0.02)
     assert found.deviation == pytest.approx(np.sqrt(np.sum((risen / std) ** 2)), rel=0.01)
-    assert added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen[::-1])]) is None
+    assert added_noise([floor(i, y[i], change, std) for i, change in enumerate(risen[::-1])], 1) is None
 
 
 def floor(i, expected, change, std):
@@ -135,6 +136,19 @@ def floor(i, expected, change, std):
         channel="b", measure=f"noise floor {i}", expected=expected, change=float(change),
         deviation=float(change / std), freedom=16, tried=80,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(("frequency", "duration", "hum"), [
+    (50.1, 8.0, True), (200.7, 8.0, True), (299.0, 8.0, True), (49.2, 1.0, True), (49.2, 8.0, False),
+    (57.3, 1.0, False),
+])  # fmt: skip
+def test_a_tone_is_hum_within_what_its_spectrum_and_the_grid_leave_open(frequency, duration, hum):
+    tone = OffLineChange(
+        channel="b", measure="tone 0 to 20 Hz", expected=0.0, change=1.0, deviation=9.0, freedom=12, tried=80
+    )
+    off = OffLines(names=("tone 0 to 20 Hz",), values=np.zeros(1), tones=(frequency,), free_order=0.0, clipped=0.0,
+                   constant=0.0)  # fmt: skip
+    assert bool(_of_mains([tone], [tone], off, 1 / min(TONE_BLOCK, duration), DEFAULT)) is hum
 
 
 def test_evidence_of_a_deviation_is_students_and_pays_for_what_was_tried():

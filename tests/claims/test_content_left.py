@@ -64,7 +64,13 @@ def test_a_line_of_the_encoders_alone_may_be_the_discs_own_and_no_gear_is_named(
     assert [(line.channel, round(line.order, 4)) for line in lines] == [("encoder", round(GEAR, 4))]
     assert lines[0].size == pytest.approx(40e-6) and lines[0].share > 0.9
     said = sentence(RIG, lines, history([40e-6, 40.2e-6, 39.9e-6, 40e-6]))
-    for part in ("transmission error", "order 0.365 (once a turn of the gear) with 40 µm", "stays the same", "disc"):
+    for part in (
+        "transmission error",
+        "order 0.365 (once a turn of the gear) with 40 µm",
+        "Hz",
+        "stays the same",
+        "disc",
+    ):
         assert part in said
 
 

@@ -173,6 +173,7 @@ def test_an_answer_that_nothing_was_found_carries_and_prints_what_could_have_bee
     assert found["false_alarms"]["rate"] == 0.01 and found["false_alarms"]["per_machine_year"] > 0
     said = "\n".join(could_be_found(found))
     assert "tooth crack: stiffness loss from 0." in said and "a year, by" in said
+    assert said.splitlines() == [found["said"][0], *(f"  {line}" for line in found["said"][1:])]
 
 
 def test_nothing_is_said_of_it_where_an_alarm_was_found_or_no_search_was_made():
@@ -182,3 +183,15 @@ def test_nothing_is_said_of_it_where_an_alarm_was_found_or_no_search_was_made():
     assert not detectable.applies(context, replace(draft, modelled=False))
     few = replace(draft, state=replace(draft.state, tracing=replace(draft.state.tracing, measured=1)))
     assert not detectable.applies(context, few)
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.0, "explained"), (0.05e-6, "explained"), (3e-6, "insufficient_data")])
+def test_no_machine_is_explained_whose_windows_would_hide_a_crack_of_any_size(size, verdict):
+    context, draft = explained()
+    tracing = draft.state.tracing
+    changed = scattered([w.features for w in tracing.history], size)
+    history = tuple(replace(w, features=f) for w, f in zip(tracing.history, changed, strict=True))
+    state = replace(draft.state, tracing=replace(tracing, history=history))
+    found = detectable.assess(context, replace(draft, state=state)).assessment.unexplained
+    assert found.verdict == verdict
+    assert ("cracked tooth of any size" in found.reason) == (verdict != "explained")

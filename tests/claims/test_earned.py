@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.held_out_windows import MESH, RIPPLE, lines, window
+from tests.held_out_windows import MESH, RIPPLE, SILENT, lines, window
 from tests.mesh_pairs import UNSW_RIG
 from twin.effects import EFFECTS
 from twin.features.non_gear import NonGearFeatures
 from twin.rig import Rig
 from twin.tracing.attribution import AttributedEffect
-from twin.tracing.earned import _changes, _sizes, asked_again, implausible, judged, refusal_of
+from twin.tracing.earned import DISC, _changes, _sizes, asked_again, implausible, judged, refusal_of
 from twin.tracing.held_out_content import content_change
+from twin.tracing.held_out_error import ChannelComparison, HeldOutComparison
 from twin.tracing.joining import with_rivals
-from twin.tracing.moved_lines import moved_lines
+from twin.tracing.moved_lines import moved_lines, shown_share
 from twin.tracing.state import EffectErrors, Tracing
 from twin.updating.history import WindowInput
 
@@ -214,7 +215,8 @@ def judged_bearing(order, *windows):
     from twin.tracing.earned import _change
 
     item = AttributedEffect.of(kind, parameters={"order": (order, "", 0.02)}, log_evidence=22.6)
-    return judged(item, EffectErrors(before=None, after=None, changes=(_change("envelope", before, after, 0.0, True),)))
+    change = _change("envelope", before, after, 0.0, True, (1.0, 0.0))
+    return judged(item, EffectErrors(before=None, after=None, changes=(change,)))
 
 
 def test_bearing_whose_multiples_come_again_in_later_windows_has_earned_its_name():
@@ -246,3 +248,99 @@ def test_lines_of_no_shaft_are_judged_by_their_level_alone(level, kind):
 
 def test_channel_that_holds_nothing_is_judged_by_nothing():
     assert _changes([(window(MESH, MESH), window(MESH, MESH))], True)[0].channel == "torque"
+
+
+# -- what one encoder alone shows -------------------------------------------------------------------------------------
+
+SIDEBANDS = np.array([3.0, 18.0, 20.0, 37.0, 39.0, 56.0, 58.0, 75.0])
+MADE = np.exp(1j * np.arange(8))  # of the sidebands, by an effect
+
+
+def channel(measured, predicted):
+    return ChannelComparison(
+        orders=SIDEBANDS, measured=measured, predicted=predicted * MADE, std=np.full(8, 0.1), variance=np.full(8, 0.04)
+    )
+
+
+def seen_by_the_encoder(count=3, **others):
+    """Windows whose transmission error shows all of an effect, and other channels what they measure."""
+    pairs = []
+    for index in range(count):
+        noise = 0.1 * (RNG.normal(size=8) + 1j * RNG.normal(size=8))
+        measured = {"transmission_error": 5 * MADE} | others
+        pair = []
+        for present in (0.0, 1.0):
+            channels = {
+                name: channel(y + noise, present * (5 if "error" in name else 2)) for name, y in measured.items()
+            }
+            pair.append(
+                HeldOutComparison(
+                    index=index,
+                    speed_hz=10.0,
+                    channels={"acceleration": SILENT} | channels,
+                    rms_measured=1.0,
+                    rms_predicted=1.0,
+                )
+            )
+        pairs.append(tuple(pair))
+    return errors(pairs)
+
+
+def other_content(size):
+    """Lines whose phases have nothing to do with the effect."""
+    return size * MADE * np.array([1, -1, 1j, -1j, 1, -1, 1j, -1j])
+
+
+@pytest.mark.parametrize("name", ["torque", "acceleration"])
+@pytest.mark.parametrize("size", [0.3, 0.6, 1.0])
+def test_channel_that_denies_what_an_effect_would_make_of_it_excuses_nothing(name, size):
+    """A lobed disc: the error of the encoder fell by a larger factor than that of the torque rose by."""
+    verdict = judged(effect("gear_eccentricity", 3e-5, 1e-6), seen_by_the_encoder(**{name: other_content(size)}))
+    assert verdict.kind == "refused" and f"{name} on held-out windows" in verdict.reason
+
+
+@pytest.mark.parametrize("name", ["gear_eccentricity", "pinion_eccentricity"])
+@pytest.mark.parametrize("count", [2, 3])
+def test_what_the_encoder_alone_shows_may_be_its_own_disc(name, count):
+    verdict = judged(effect(name, 3e-5, 1e-6), seen_by_the_encoder(count))
+    assert verdict.kind != "refused" and verdict.rivals == (DISC,)
+
+
+@pytest.mark.parametrize("turned", [1, 1j, -1])
+@pytest.mark.parametrize("name", ["torque", "acceleration"])
+def test_what_another_channel_shows_too_is_not_the_discs(name, turned):
+    """A path to the sensor that turns all phases alike hides nothing."""
+    verdict = judged(effect("gear_eccentricity", 3e-5, 1e-6), seen_by_the_encoder(**{name: 2 * turned * MADE}))
+    assert verdict.kind == "earned" and verdict.rivals == ()
+
+
+def test_a_disc_is_no_rival_of_what_turns_with_no_shaft_or_begins_later():
+    seen = seen_by_the_encoder()
+    assert judged(effect("misalignment", 2e-5, 1e-6), seen).rivals == ()
+    assert judged(effect("gear_eccentricity", 3e-5, 1e-6, onset=500.0), seen).rivals == ()
+
+
+def test_share_that_a_channel_shows_is_one_of_what_was_predicted_and_within_its_deviation_of_other_lines():
+    assert shown_share([(channel(2 * MADE, 0), channel(2 * MADE, 2))])[0] == pytest.approx(1.0)
+    beyond = 0
+    for _ in range(1000):
+        y = RNG.normal(size=8) + 1j * RNG.normal(size=8)
+        share, std = shown_share([(channel(y, 0), channel(y, 2))])
+        beyond += share > 2.45 * std
+    assert beyond < 0.06 * 1000
+
+
+def test_torque_ripple_that_the_torque_meter_shows_in_its_one_line_is_not_the_discs():
+    one = np.where(np.arange(8) == 0, MADE, 0)
+    pairs = []
+    for index in range(3):
+        pair = []
+        for present in (0.0, 1.0):
+            channels = {
+                name: replace(channel(size * one, 0), predicted=present * size * one)
+                for name, size in (("transmission_error", 5.0), ("torque", 2.0))
+            }
+            pair.append(replace(window(MESH, MESH, index=index), channels={"acceleration": SILENT} | channels))
+        pairs.append(tuple(pair))
+    verdict = judged(effect("torque_ripple", 0.2, 0.01), errors(pairs))
+    assert verdict.kind == "earned" and verdict.rivals == ()

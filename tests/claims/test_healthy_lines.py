@@ -77,12 +77,17 @@ def test_scatter_grows_with_the_depth_worn_since_the_factors_were_learned_and_no
     assert near == pytest.approx(variance("transmission_error", np.ones(5), deep, 99e-6)[2]) and far > 2 * near
 
 
-def test_machine_whose_factors_lie_beyond_the_tolerances_scatters_in_proportion():
-    f = float(ORDERS[0] * SPEED)
-    usual, foreign = (
-        LearnedFactors(path=((4.0, f, factor, 0.001),), mesh=(), depths=(0.0,)) for factor in (1.001 + 0j, 3.0 + 0j)
-    )
-    assert variance("acceleration", np.ones(5), foreign)[3] > 2 * variance("acceleration", np.ones(5), usual)[3]
+def taught(factor):
+    """Variance of an acceleration line away from where a path was learned with this factor."""
+    learned = LearnedFactors(path=((4.0, float(ORDERS[0] * SPEED), factor + 0j, 0.001),), mesh=(), depths=(0.0,))
+    return variance("acceleration", np.ones(5), learned)[3]
+
+
+@pytest.mark.parametrize("factor", [3.0, 20.0, 100.0])
+def test_path_beyond_the_tolerances_scatters_more_and_one_far_beyond_them_hides_no_more(factor):
+    """A path that is not linear has factors of 20 and more: its errors are content, not scatter."""
+    assert taught(1.001) < taught(factor) < 25 * taught(1.001)
+    assert taught(factor) == pytest.approx(taught(2 * factor))
 
 
 def test_encoder_lines_of_a_shafts_first_order_scatter_by_its_disc():

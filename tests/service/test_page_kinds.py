@@ -143,6 +143,15 @@ def test_new_modulation_is_a_change_since_the_healthy_baseline(open_page, store,
     assert "none found" not in card and "modulation 1 × per turn of the pinion" in card
 
 
+def test_what_could_have_been_found_is_on_the_page_in_the_words_of_the_answer(open_page, store, board):
+    show_machine(store, board, "baseline")
+    said = ["What 6 windows would have shown, where nothing was found:", "tooth crack: stiffness loss from 0.3 (basis)"]
+    board.update("baseline", report={**board.get("baseline").report, "effects": [], "detectable": {"said": said}})
+    page = open_page("/#/asset/baseline")
+    page.click(".cards .card details summary")
+    assert all(line in page.inner_text(".cards .card >> nth=0") for line in said)
+
+
 def test_baseline_is_counted_by_windows_days_and_loads(open_page, store, board):
     """Twelve windows of one file of two minutes were "12 recordings (at least 5 to judge teeth)"."""
     show_machine(store, board, "baseline")

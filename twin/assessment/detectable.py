@@ -16,6 +16,7 @@ class SmallestSize:
     unit: str  # SI, "" for a pure number
     value: float | None  # None where no size would have been found
     basis: str  # what the figure rests on, or why there is none
+    hidden: bool = False  # whether the channels are there, and yet no size would have shown in them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,12 +31,12 @@ from twin.assessment import (
 from twin.baseline.causes import causes_of, one_bearing
 from twin.baseline.diagnosis import Diagnosis, WindowParts, diagnose
 from twin.baseline.findings import BaselineComparison
-from twin.baseline.known_spacings import is_new, showing
+from twin.baseline.known_spacings import REACH, is_new, showing
 from twin.baseline.learned import Baseline
 from twin.baseline.named import Named
 from twin.baseline.raw_limit import limit_on
 from twin.baseline.reading import TURNS_PER_PERIOD, SpacingSeen, WindowReading, angle_of, raw_of, read
-from twin.baseline.shaft_names import shaft_name
+from twin.baseline.shaft_names import belonging, shaft_name
 from twin.baseline.spacing import Spacing, SpacingsFound, unattributed_spacings
 from twin.baseline.sufficiency import left_out_of, sufficiency_of
 from twin.baseline.verdict import with_raw_limit
@@ -177,10 +177,11 @@ def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaf
                 order = side.harmonic * z1 + sign * side.multiple * spacing.order
                 orders.setdefault(round(order, 6), SpectralLine(order=order, frequency=order * speed, share=None))
     places = ", ".join(f"{s.order * speed:.3f} Hz" for s in free)
+    whose = belonging(free[0].order / free[0].part, rig.teeth, REACH / seen.track.turns)
     unexplained = Unexplained(
         verdict="unknown_effect",
         lines=tuple(orders.values()),
-        reason=f"lines spaced by {places} belong to no shaft of the rig file",
+        reason=f"lines spaced by {places} {whose}",
     )
     return LinesWithoutShaft(lines=lines, sought=_search_of(seen), unexplained=unexplained)
 

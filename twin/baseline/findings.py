@@ -35,7 +35,7 @@ from twin.baseline.repeats import LINES, NOTHING_LEFT_OUT, Repeats
 from twin.baseline.repeats import PATHS as PATHS_OF_SENSORS
 from twin.baseline.shaft_orders import own_multiples
 from twin.baseline.transfer_path import DEFAULT as PATHS
-from twin.baseline.transfer_path import Path, band_gains, band_levels, common_level, lesser
+from twin.baseline.transfer_path import Path, band_gains, band_levels, common_level, lesser, over_usual
 from twin.thresholds import deciding
 
 MESH_LINES = 6  # harmonics of the mesh that are compared
@@ -292,6 +292,7 @@ def _paths(
             common_power=common_power,
             change=float(np.sqrt(np.mean((np.log(both[channel]) - common_power) ** 2))),
             usual=more * baseline.path_scatter.get(channel, 0.0),
+            over_usual=over_usual(middles.size, baseline.counted.recordings, len(gains)),
             raised=baseline.repeats.factor(PATHS_OF_SENSORS, channel),
         )
         for channel, (middles, gain) in gains.items()

@@ -12,8 +12,8 @@ import numpy as np
 
 from twin.baseline.learned import Baseline
 from twin.baseline.reading import SpacingSeen, WindowReading
-from twin.baseline.repeats import SPACINGS
-from twin.baseline.spacing_search import DEFAULT as SEARCH
+from twin.baseline.repeats import SPACINGS, share_of
+from twin.baseline.shaft_names import belonging
 
 RELATED = (0.5, 1.0, 2.0)
 REACH = 3.0  # spectral lines, up to which two spacings are one: as in the search itself
@@ -31,23 +31,31 @@ def _same(one: SpacingSeen, here: WindowReading, other: SpacingSeen, there: Wind
     return in_orders < reach or in_hertz < reach * here.speed_hz
 
 
+def least_clear() -> float:
+    """Clearness of a spacing that is new: as rare by chance as its share of the false alarms [nat]."""
+    return -float(np.log(share_of(1)))
+
+
 def is_new(spacing: SpacingSeen, reading: WindowReading, baseline: Baseline) -> bool:
     """Whether a spacing of a window is none of the healthy recordings' and clearer than what they have of their own."""
-    clear = spacing.clearness > -float(np.log(SEARCH.chance)) * baseline.repeats.factor(SPACINGS)
+    clear = spacing.clearness > least_clear() * baseline.repeats.factor(SPACINGS)
     return clear and not showing(spacing, reading, baseline.readings)
 
 
 def new_spacings(baseline: Baseline, windows: Sequence[WindowReading]) -> str:
-    """The free spacings of most windows that are new, in words; empty where there are none."""
-    found = [[s for s in r.spacings if s.free and is_new(s, r, baseline)] for r in windows]
+    """The spacings of most windows that are new, in words; empty where there are none."""
+    found = [[s for s in r.spacings if is_new(s, r, baseline)] for r in windows]
     if 2 * sum(bool(own) for own in found) <= len(windows):
         return ""
-    places = {f"{s.order * r.speed_hz:.3f} Hz" for r, own in zip(windows, found, strict=True) for s in own[:1]}
-    return f"lines spaced by {', '.join(sorted(places))} belong to no known shaft, and no healthy recording shows them"
+    first = [(r, own[0]) for r, own in zip(windows, found, strict=True) if own]
+    places = {f"{s.order * r.speed_hz:.3f} Hz" for r, s in first}
+    r, s = first[0]
+    whose = belonging(s.order, baseline.rig.teeth, REACH / r.turns)
+    return f"lines spaced by {', '.join(sorted(places))} {whose}, and no healthy recording shows them"
 
 
 def clearest_over(reading: WindowReading, healthy: Iterable[WindowReading]) -> float:
-    """Clearness of the clearest free spacing that no healthy recording shows, over that from which it is found."""
+    """Clearness of the clearest spacing that no healthy recording shows, over that from which it is found."""
     known = list(healthy)
-    new = [s.clearness for s in reading.spacings if s.free and not showing(s, reading, known)]
-    return max(new, default=0.0) / -float(np.log(SEARCH.chance))
+    new = [s.clearness for s in reading.spacings if not showing(s, reading, known)]
+    return max(new, default=0.0) / least_clear()

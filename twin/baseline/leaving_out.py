@@ -21,8 +21,7 @@ from twin.baseline.known_spacings import clearest_over
 from twin.baseline.learned import Baseline, interpolated_lines, laid_over, scatter_of
 from twin.baseline.left_over import left_over
 from twin.baseline.modulation import deepest_over
-from twin.baseline.off_line_changes import DEFAULT as OFF_LINE_LIMITS
-from twin.baseline.off_line_changes import off_line_changes
+from twin.baseline.off_line_changes import added_noise, off_line_changes
 from twin.baseline.raw_limit import raw_over
 from twin.baseline.reading import WindowReading
 from twin.baseline.recordings import others_of, recording_of
@@ -34,6 +33,7 @@ from twin.baseline.repeats import (
     LINES,
     MISFIT,
     MODULATION,
+    NOISE,
     NOTHING_LEFT_OUT,
     OFF_LINES,
     PATHS,
@@ -197,9 +197,12 @@ def _scores(others: Baseline, reading: WindowReading) -> dict[Key, float]:
     for name in reading.channels:
         out[MODULATION, name] = deepest_over(reading, others, name)
     common = max((p.common_power for p in compared.paths), key=abs, default=0.0)
-    for change in off_line_changes(others, reading, compared.expected.wider, common):
-        key = OFF_LINES, change.channel
-        out[key] = max(out.get(key, 0.0), abs(change.deviation) / OFF_LINE_LIMITS.changed)
+    changes = off_line_changes(others, reading, compared.expected.wider, common)
+    for name in dict.fromkeys(change.channel for change in changes):
+        own = [change for change in changes if change.channel == name]
+        noise = added_noise(own, len(others.std))
+        out[OFF_LINES, name] = own[0].over  # the largest deviation comes first
+        out[NOISE, name] = 0.0 if noise is None else noise.over
     return {**out, **_by_pattern(others, compared)} if compared.same_teeth else out
 
 

@@ -1,4 +1,11 @@
-"""Modulation of the mesh by a shaft against that of the healthy machine: its depth in every recording of a baseline."""
+"""Modulation of the mesh by a shaft against that of the healthy machine: its depth in every recording of a baseline.
+
+    limit = max(q·d_max, d_max + Δ, d̄ + t·s·√(1 + 1/n))
+
+d   depth in each of n healthy recordings, or what the noise may hide where none is seen; s² its variance, half of it
+    that of all modulations of the sensor, so that t has 2·(n − 1) degrees of freedom, as all of them come from the same
+    recordings; at its share of the false alarms of a comparison (repeats.py)
+"""
 
 from __future__ import annotations
 
@@ -7,10 +14,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from math import sqrt
 
+import numpy as np
+from scipy.stats import t as student
+
 from twin.assessment import Modulation
 from twin.baseline.learned import Baseline
 from twin.baseline.reading import ChannelLines, WindowReading
-from twin.baseline.repeats import MODULATION
+from twin.baseline.repeats import MODULATION, share_of
 from twin.features.lines import order_of
 from twin.features.modulation import MULTIPLES, Line, depth_of
 from twin.features.window_features import Key
@@ -36,6 +46,7 @@ class NewModulationThresholds:
 
 
 DEFAULT = NewModulationThresholds()
+SHAFTS = ("pinion", "gear")
 
 
 def against_baseline(
@@ -46,37 +57,48 @@ def against_baseline(
 
 
 def _compared(one: Modulation, baseline: Baseline, limits: NewModulationThresholds) -> Modulation:
-    teeth = baseline.rig.teeth
-    depths = [
-        depth_of(partial(_line, reading.channels[one.sensor], teeth, reading.period), one.shaft, one.multiple)
-        for reading in baseline.readings
-        if one.sensor in reading.channels
-    ]
-    if not depths:
+    known = _known(baseline, one.sensor)
+    if not known.size:
         return one
-    most = max(depths)
-    new = over_of(one.depth, most, limits) > baseline.repeats.factor(MODULATION, one.sensor)
-    return replace(one, healthy=(min(depths), most), new=new)
+    shown, bounds = known
+    at = SHAFTS.index(one.shaft) * len(MULTIPLES) + MULTIPLES.index(one.multiple)
+    over = one.depth / least_new(bounds, len(baseline.std), limits)[at]
+    healthy = float(shown[:, at].min()), float(shown[:, at].max())
+    return replace(one, healthy=healthy, new=bool(over > baseline.repeats.factor(MODULATION, one.sensor)))
 
 
-def over_of(depth: float, most: float, limits: NewModulationThresholds = DEFAULT) -> float:
-    """A depth over the limit from which it is new, where healthy recordings reach a depth at most."""
-    return depth / max(limits.ratio * most, most + limits.more)
+def least_new(known: np.ndarray, sensors: int, limits: NewModulationThresholds = DEFAULT) -> np.ndarray:
+    """Depths from which modulations of one of so many sensors are new, from the most of recordings; (n, m) → (m,)."""
+    count, measures = known.shape
+    most = known.max(axis=0)
+    least = np.maximum(limits.ratio * most, most + limits.more)
+    if count < 2:
+        return least
+    variance = known.var(axis=0, ddof=1)
+    spread = np.sqrt(0.5 * (variance + variance.mean()) * (1 + 1 / count))
+    t = float(student.isf(share_of(sensors * measures), 2 * (count - 1)))
+    return np.asarray(np.maximum(least, known.mean(axis=0) + t * spread))
 
 
 def deepest_over(reading: WindowReading, baseline: Baseline, sensor: str) -> float:
     """The modulation of one sensor that is most over its limit, by the lines of a reading."""
-    teeth = baseline.rig.teeth
-    known = [_depths(r, sensor, teeth) for r in baseline.readings if sensor in r.channels]
-    here = _depths(reading, sensor, teeth)
-    return max(over_of(depth, max((d[i] for d in known), default=0.0)) for i, depth in enumerate(here))
+    known = _known(baseline, sensor)
+    depth, _, reported = np.array(_depths(reading, sensor, baseline.rig.teeth)).T
+    return float(np.max(depth * reported / least_new(known[1], len(baseline.std)))) if known.size else 0.0
+
+
+def _known(baseline: Baseline, sensor: str) -> np.ndarray:
+    """Depth of every modulation of one sensor in the healthy recordings, and what it is at most (2, n, m)."""
+    own = [r for r in baseline.readings if sensor in r.channels]
+    found = np.array([_depths(r, sensor, baseline.rig.teeth) for r in own])
+    return np.moveaxis(found[..., :2], 2, 0) if own else found
 
 
 @lru_cache(maxsize=4096)  # of the same recordings, beside baselines of all others of them
-def _depths(reading: WindowReading, sensor: str, teeth: tuple[int, int]) -> tuple[float, ...]:
-    """Depth of every modulation of one sensor."""
+def _depths(reading: WindowReading, sensor: str, teeth: tuple[int, int]) -> tuple[tuple[float, float, bool], ...]:
+    """Every modulation of one sensor, by `depth_of`."""
     read = partial(_line, reading.channels[sensor], teeth, reading.period)
-    return tuple(depth_of(read, shaft, n) for shaft in ("pinion", "gear") for n in MULTIPLES)
+    return tuple(depth_of(read, shaft, n) for shaft in SHAFTS for n in MULTIPLES)
 
 
 def _line(lines: ChannelLines, teeth: tuple[int, int], period: int, key: Key) -> Line | None:

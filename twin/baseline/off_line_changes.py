@@ -11,30 +11,41 @@ grows with distance (w, operating.py), whichever is more: both say how far a mea
 A recording shorter than the healthy ones (T for T_h) gives measures from fewer blocks: all but the level of the channel
 are as uncertain as their mean over fewer blocks, s·√(T_h/T).
 
-    ln Λ = (ν + 1)/2·ln(1 + z²/ν) − ln M       nats for a change, ν = 4·(n − 1 − d), M measures tried
+    ln Λ = (ν + 1)/2·ln(1 + z²/ν) − ln M       nats for a change, ν = 3·(n − 1 − d), M measures tried
 
-White noise of one power p, added in every band, raises the quiet bands most: Δy_b = ½·ln(1 + p·e^{−2ŷ_b}).
+A measure has changed where |z| exceeds Student's t of ν degrees of freedom, so that a healthy recording does once in
+1/α, α its share of the false alarms of a comparison (repeats.py): few recordings and many measures ask for more.
+
+White noise of one power p, added in every band, raises the quiet bands most: Δy_b = ½·ln(1 + p·e^{−2ŷ_b}). It is a
+change where the squares that it explains exceed B·F of B floors and ν/2.
 
 Source   prediction interval of a regression line: N. R. Draper, H. Smith, Applied Regression Analysis, ch. 1;
-         ν of a mean of two variances: F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110–114
+         ν of a mean of two variances, 4·(n − 1 − d) where all measures of a kind scatter alike, and less where they
+         do not: F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110–114; joint limit: H. Scheffé, The Analysis of
+         Variance (1959)
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from scipy.stats import f as fisher
+from scipy.stats import t as student
 
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import varies
 from twin.baseline.reading import WindowReading
 from twin.baseline.recordings import recording_of
+from twin.baseline.repeats import share_of
 from twin.thresholds import deciding
 
 SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
 RISING = ("impacts",)  # first words of kinds of which less is no change: fewer impacts than the healthy machine
 NOISE_POWERS = 400  # tried
+TOGETHER = 2  # noise floors of a channel move together: they say less of one another's scatter than other measures
 LEAST_SCATTER = 0.02  # of a logarithm, below which no scatter is believed
 
 
@@ -42,18 +53,13 @@ LEAST_SCATTER = 0.02  # of a logarithm, below which no scatter is believed
 class OffLineThresholds:
     """When a measure off the lines has changed."""
 
-    changed: float = deciding(
-        6.0, unit="standard deviations",
-        meaning="deviation of a measure that is a change: three times the healthy scatter of two standard deviations",
-        source="tuned on the healthy loads 0, 30 and 70 % of the broken-tooth set, where the largest of 71 measures on "
-        "four channels deviates by 3.3",
-    )  # fmt: skip
     least_recordings: int = deciding(
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
     )  # fmt: skip
     of_mains: float = deciding(
-        0.5, unit="Hz", meaning="distance from a multiple of 50 or 60 Hz up to which a tone is hum",
-        source="derivation: 1 % of 50 Hz, within which grids stay (EN 50160), and the width of a line",
+        0.004, of="mains frequency", meaning="distance from 50 or 60 Hz and their multiples up to which a tone is hum, "
+        "beside the resolution of its spectrum",
+        source="grids of Europe and America stay within 0.2 Hz in ordinary operation",
     )  # fmt: skip
     noise_left: float = deciding(
         0.25, of="squared deviations of the noise floors", meaning="share that white noise of one power may leave",
@@ -93,6 +99,16 @@ class OffLineChange:
         """ln Λ [nat]."""
         return student_evidence(self.deviation**2, self.freedom, self.tried)
 
+    @property
+    def limit(self) -> float:
+        """Deviation from which it is a change [standard deviations]."""
+        return student_limit(self.freedom, self.tried)
+
+    @property
+    def over(self) -> float:
+        """The deviation over its limit."""
+        return abs(self.deviation) / self.limit
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddedNoise:
@@ -101,11 +117,23 @@ class AddedNoise:
     rms: float  # in the channel's unit, up to half the sampling rate
     deviation: float  # root of the squared deviations that it explains
     log_evidence: float  # [nat]
+    limit: float  # deviation from which it is a change: of Fisher's F, the power being free
+
+    @property
+    def over(self) -> float:
+        """The deviation over its limit."""
+        return self.deviation / self.limit
 
 
 def student_evidence(squared: float, freedom: int, tried: int) -> float:
     """ln Λ [nat] of a squared deviation whose scatter has so many degrees of freedom, the best of so many tried."""
     return 0.5 * (freedom + 1) * float(np.log1p(squared / freedom)) - float(np.log(max(tried, 1)))
+
+
+@lru_cache(maxsize=64)
+def student_limit(freedom: int, tried: int) -> float:
+    """t of Student's distribution that one of so many measures may exceed to either side."""
+    return float(student.isf(share_of(2 * tried), freedom))
 
 
 def off_line_changes(
@@ -141,7 +169,7 @@ def off_line_changes(
         change, spread = _deviations(u, learned, at, now, names, wider)
         spread = spread * np.where([kind_of(name) == "level" for name in names], 1.0, _fewer_blocks(baseline, reading))
         shared = common * np.array([kind_of(name) in SIZES for name in names])
-        freedom = 4 * max(recordings - 1 - u.shape[1], 1)
+        freedom = 3 * max(recordings - 1 - u.shape[1], 1)
         found.append((channel, names, now - change + shared, change - shared, spread, freedom))
     tried = sum(len(names) for _, names, *_ in found)
     out = [
@@ -160,8 +188,16 @@ def off_line_changes(
     return tuple(sorted(out, key=lambda one: -abs(one.deviation)))
 
 
-def added_noise(changes: Sequence[OffLineChange], limits: OffLineThresholds = DEFAULT) -> AddedNoise | None:
-    """White noise that explains how the noise floors of one channel have risen; None where it does not."""
+@lru_cache(maxsize=64)
+def joint_limit(measures: int, freedom: int, channels: int) -> float:
+    """Root of the squares that so many deviations of one of so many channels may have together (Scheffé)."""
+    return float(np.sqrt(measures * fisher.isf(share_of(channels), measures, freedom)))
+
+
+def added_noise(
+    changes: Sequence[OffLineChange], channels: int, limits: OffLineThresholds = DEFAULT
+) -> AddedNoise | None:
+    """White noise that explains how the noise floors of one of so many channels differ; None where it does not."""
     floors = [c for c in changes if kind_of(c.measure) == "noise"]
     if not floors:
         return None
@@ -171,12 +207,13 @@ def added_noise(changes: Sequence[OffLineChange], limits: OffLineThresholds = DE
     left = np.sum(((Δ - 0.5 * np.log1p(powers[:, None] * np.exp(-2 * y))) / s) ** 2, axis=1)
     best, whole = int(np.argmin(left)), float(np.sum((Δ / s) ** 2))
     gained = whole - float(left[best])
-    if gained < limits.changed**2 or left[best] > limits.noise_left * whole:
+    if gained <= 0 or left[best] > limits.noise_left * whole:
         return None
     return AddedNoise(
         rms=float(np.sqrt(powers[best] / np.log(2))),  # the floor is a median, ln 2 of the mean
         deviation=float(np.sqrt(gained)),
         log_evidence=student_evidence(gained, floors[0].freedom, floors[0].tried),
+        limit=joint_limit(len(floors), floors[0].freedom // TOGETHER, channels),
     )
 
 

@@ -17,6 +17,7 @@ Holds    new recordings of the healthy machine that differ as those of the basel
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
@@ -27,9 +28,10 @@ from twin.thresholds import deciding
 
 PATTERN = "tooth pattern"
 LINES, PATHS, MISFIT, IMPACTS = "lines of shafts", "transfer path", "misfit of all lines", "impacts once a turn"
-OFF_LINES, SPACINGS, MODULATION, RAW = "measures off the lines", "lines of no shaft", "modulation", "raw RMS, kurtosis"
-EXCHANGED = "names of channels"
-BY_PATTERN = (LINES, PATHS, MISFIT, IMPACTS, EXCHANGED)  # what lies on the angle that the tooth pattern tells
+OFF_LINES, NOISE, SPACINGS, MODULATION = "measures off the lines", "white noise", "lines of no shaft", "modulation"
+EXCHANGED, RAW = "names of channels", "raw RMS, kurtosis"
+BY_PATTERN = (LINES, PATHS, MISFIT, IMPACTS, EXCHANGED, MODULATION)  # what goes with the pattern of the teeth
+KINDS = (PATTERN, *BY_PATTERN, OFF_LINES, NOISE, SPACINGS)  # that share the false alarms of a comparison
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +39,7 @@ class RepeatThresholds:
     """False alarms that are meant, and when the healthy recordings repeat something."""
 
     false_alarms: float = deciding(
-        0.01, of="healthy recordings", meaning="false alarms of a limit, of the raw one and of each other",
+        0.01, of="healthy recordings", meaning="false alarms of all limits together, and of the raw one by itself",
         source="convention: one in a hundred",
     )  # fmt: skip
     most_beyond: float = deciding(
@@ -82,18 +84,31 @@ class Repeats:
 NOTHING_LEFT_OUT = Repeats()
 
 
+def share_of(measures: int, limits: RepeatThresholds = DEFAULT) -> float:
+    """False alarms of one measure among so many of its kind."""
+    return limits.false_alarms / (len(KINDS) * max(measures, 1))
+
+
 def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds = DEFAULT) -> dict[Key, float]:
     """Factor of every limit, from what every recording left out shows over it."""
     keys = {key for one in scores for key in one}
-    return {key: factor_of([one[key] for one in scores if key in one], limits) for key in sorted(keys)}
+    of_kind = Counter(kind for kind, _ in keys)
+    return {
+        (kind, channel): factor_of(
+            [one[kind, channel] for one in scores if (kind, channel) in one],
+            limits.false_alarms if kind == RAW else share_of(of_kind[kind], limits),
+            limits,
+        )
+        for kind, channel in sorted(keys)
+    }
 
 
-def factor_of(over: Sequence[float], limits: RepeatThresholds = DEFAULT) -> float:
-    """Factor of one limit, from r of every recording left out."""
+def factor_of(over: Sequence[float], false_alarms: float, limits: RepeatThresholds = DEFAULT) -> float:
+    """Factor of one limit, from r of every recording left out, for false alarms of this limit."""
     r = np.maximum(np.array(over, dtype=float), LEAST)
     if r.max(initial=0.0) <= 1:
         return 1.0
     if np.mean(r > 1) > limits.most_beyond:
         return inf
-    rarer = max(float(-np.log(limits.false_alarms * (r.size + 1))), 0.0)
+    rarer = max(float(-np.log(false_alarms * (r.size + 1))), 0.0)
     return float(r.max() * np.exp(np.log(r).std(ddof=1) * np.sqrt(6) / np.pi * rarer))

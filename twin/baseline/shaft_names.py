@@ -7,6 +7,7 @@ from fractions import Fraction
 from twin.baseline.learned import Baseline
 from twin.effects import EFFECTS
 from twin.effects.signature import Signature
+from twin.features.shaft_orders import FRACTION, owner_of
 
 LOCAL_ALTERNATIVES = ("a coupling, a seat or a load of that shaft that pushes once a turn",)
 
@@ -19,6 +20,15 @@ def shaft_name(shaft: Fraction, baseline: Baseline) -> str:
     if shaft == z1:
         return "mesh"
     return "gear" if shaft == Fraction(z1, z2) else f"shaft of order {float(shaft):g}"
+
+
+def belonging(order: float, teeth: tuple[int, int], width: float) -> str:
+    """What lines at or spaced by an order belong to, as the rest of a sentence about them.
+
+    width  distance [order] within which two orders cannot be told apart
+    """
+    owner = owner_of(order, teeth, width)
+    return "belong to no known shaft" if owner is None else f"belong to {'a' if owner == FRACTION else 'the'} {owner}"
 
 
 def names_of(shape: str, shaft: str) -> tuple[str, ...]:

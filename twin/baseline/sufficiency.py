@@ -26,6 +26,7 @@ from twin.baseline.repeats import (
     LINES,
     MISFIT,
     MODULATION,
+    NOISE,
     OFF_LINES,
     PATHS,
     PATTERN,
@@ -35,7 +36,7 @@ from twin.baseline.repeats import (
 from twin.baseline.repeats import DEFAULT as REPEATS
 from twin.thresholds import deciding
 
-BY_CHANNEL = (LINES, PATHS, OFF_LINES, MODULATION)  # what is compared in every channel by itself
+BY_CHANNEL = (LINES, PATHS, OFF_LINES, NOISE, MODULATION)  # what is compared in every channel by itself
 TOGETHER = (EXCHANGED, MISFIT, IMPACTS, SPACINGS, RAW)
 RATED_LOAD = "operating.input_torque"  # of the rig file
 

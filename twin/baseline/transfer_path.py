@@ -4,6 +4,9 @@
 
 x  the healthy machine's lines, Y the measured ones, σ the healthy scatter
 
+A path has changed where the mean square of ln|g_b| over its bands exceeds that of healthy recordings by Fisher's F of
+so many bands and recordings, at the path's share of the false alarms of a comparison (repeats.py).
+
 Source   twin/effects/sensor_gain.py, sensor_resonance.py
 Holds    the same teeth in mesh: lines keep their phases among one another
 """
@@ -12,10 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import f as fisher
 
+from twin.baseline.repeats import share_of
 from twin.effects.sensor_resonance import SensorResonance
 from twin.thresholds import deciding
 
@@ -48,10 +54,6 @@ class PathThresholds:
     least_change: float = deciding(
         0.25, unit="ln of gain", meaning="rms change of a path that is reported",
         source="tuned on the seven loads of the broken-tooth set: 2 dB",
-    )  # fmt: skip
-    over_usual: float = deciding(
-        2.0, of="healthy scatter of ln|g|", meaning="change of a path that is reported",
-        source="convention: two standard deviations",
     )  # fmt: skip
     least_common: float = deciding(
         0.1, unit="ln of gain", meaning="common change of all sensors that is reported",
@@ -96,6 +98,7 @@ class Path:
     common_power: float  # ln of the level that all sensors share, including lines that lost their phase
     change: float  # rms of the change beyond that which gain and level both show, in ln
     usual: float  # the same among healthy recordings
+    over_usual: float  # ratio of the two from which a change is one (`over_usual`)
     raised: float = 1.0  # factor of the limit, by what leaving healthy recordings out has shown
     limits: PathThresholds = DEFAULT
 
@@ -106,7 +109,7 @@ class Path:
     @property
     def over(self) -> float:
         """The change over the limit from which it is one."""
-        return self.change / max(self.limits.least_change, self.limits.over_usual * self.usual)
+        return self.change / max(self.limits.least_change, self.over_usual * self.usual)
 
     @property
     def moved(self) -> bool:
@@ -126,6 +129,12 @@ class Path:
         if not self.changed:
             return np.full(orders.shape, np.exp(self.common_power))
         return np.exp(np.interp(orders, self.orders, np.log(np.maximum(self.level, LEAST_GAIN))))
+
+
+@lru_cache(maxsize=64)
+def over_usual(bands: int, recordings: int, paths: int) -> float:
+    """By how much one of so many paths may change, over what healthy recordings do: √F of bands and recordings."""
+    return float(np.sqrt(fisher.isf(share_of(paths), bands, bands * max(recordings - 1, 1))))
 
 
 def band_gains(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
-from twin.assessment import Detectable
+from twin.assessment import Detectable, SmallestSize, Unexplained
 from twin.capabilities.context import Context, Draft
 from twin.detectability.visible import ALARM_CLASS, smallest_sizes
 from twin.detectability.yearly import false_alarms
+from twin.effects import EFFECTS
 from twin.model import Condition
 from twin.tracing.context import THRESHOLDS
 from twin.tracing.state import LEAST_WINDOWS
@@ -35,9 +39,19 @@ def assess(context: Context, draft: Draft) -> Draft:
     sizes = smallest_sizes(rig, healthy_model_of(rig, memory), condition, windows, state.tracing.phase)
     rate = context.options.false_alarm_rate
     return draft.with_parts(
+        unexplained=_with_hidden(draft.assessment.unexplained, sizes),
         detectable=Detectable(
             windows=len(windows),
             sizes=sizes,
             false_alarms=false_alarms(rate, state.tracing.measured, state.windows_seen + 1, state.running),
-        )
+        ),
     )
+
+
+def _with_hidden(unexplained: Unexplained, sizes: Sequence[SmallestSize]) -> Unexplained:
+    """No machine is explained in whose windows damage of the alarm class would have gone unseen at any size."""
+    hidden = [EFFECTS[s.name].facts.label for s in sizes if s.hidden]
+    if unexplained.verdict != "explained" or not hidden:
+        return unexplained
+    reason = f"these windows vary too much to show {' or '.join(hidden)} of any size"
+    return replace(unexplained, verdict="insufficient_data", reason=reason)

@@ -105,8 +105,8 @@ def _underived(name: str) -> SmallestSize:
     return _none(name, first.name, first.unit, "no smallest size is derived for this effect")
 
 
-def _none(name: str, parameter: str, unit: str, why: str) -> SmallestSize:
-    return SmallestSize(name=name, parameter=parameter, unit=unit, value=None, basis=why)
+def _none(name: str, parameter: str, unit: str, why: str, hidden: bool = False) -> SmallestSize:
+    return SmallestSize(name=name, parameter=parameter, unit=unit, value=None, basis=why, hidden=hidden)
 
 
 # -- a cracked tooth ------------------------------------------------------------------------------------------
@@ -133,7 +133,7 @@ def _crack(
     least = "a crack that sets in between two windows, against the changes from window to window so far"
     highest = ToothCrack.parameters[0].high
     if worst > highest:
-        return _none(*none, f"not even a loss of {100 * highest:.0f} % would have been found: {least}")
+        return _none(*none, f"not even a loss of {100 * highest:.0f} % would have been found: {least}", hidden=True)
     return SmallestSize(name="tooth_crack", parameter="stiffness_loss", unit="", value=worst, basis=least)
 
 
@@ -197,7 +197,7 @@ def _bearing(rig: Rig, windows: Sequence[WindowFeatures], phase: float | None) -
         "not known"
     )
     if ratio == inf:
-        return _none(*none, f"no size would have been found: {basis}")
+        return _none(*none, f"no size would have been found: {basis}", hidden=True)
     return SmallestSize(
         name="bearing_defect", parameter="acceleration_rms", unit="m/s²", value=ratio * latest.noise_rms, basis=basis
     )

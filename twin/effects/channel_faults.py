@@ -46,6 +46,10 @@ CHANNEL_FAULTS: dict[str, ChannelFault] = {
         label="noise of a sensor",
         action="Check the cable, the shield and the amplifier of the channel.",
     ),
+    "encoder_disc": ChannelFault(
+        label="an encoder's disc",
+        action="Check the encoder's disc: how it is centred on its shaft, and its lines.",
+    ),
     "hum": ChannelFault(
         label="hum of the mains",
         action="Check the earth and the shield of the channel, and what runs at this frequency nearby.",

@@ -109,7 +109,7 @@ def modulations(
     for shaft, order in (("pinion", 1.0), ("gear", teeth[0] / teeth[1])):
         for n in MULTIPLES:
             one = _of_shaft(reader, shaft, n, limits)
-            if one is not None and _is_reported(one[0], one[2], limits):
+            if isinstance(one, tuple) and _is_reported(one[0], one[2], limits):
                 depth, std, share, pairs = one
                 found.append(
                     Modulation(
@@ -126,8 +126,10 @@ def _is_reported(depth: float, amplitude_share: float, limits: ModulationThresho
 
 def _of_shaft(
     read: LineReader, shaft: str, n: int, limits: ModulationThresholds
-) -> tuple[float, float, float, tuple[SidebandPair, ...]] | None:
-    """Depth, its standard deviation, share of amplitude modulation and pairs; None where nothing exceeds the noise."""
+) -> tuple[float, float, float, tuple[SidebandPair, ...]] | float:
+    """Depth, its standard deviation, share of amplitude modulation and pairs; the depth that is at most hidden in the
+    noise where nothing exceeds it.
+    """
     carrier, power, variance, amplitude, phase = 0.0, 0.0, 0.0, 0.0, 0.0
     pairs = []
     for k in range(1, HARMONICS + 1):
@@ -154,8 +156,10 @@ def _of_shaft(
                     std=spread / abs(mesh),
                 )
             )  # fmt: skip
-    if carrier == 0 or not pairs or power <= limits.significance * sqrt(variance):
-        return None
+    if carrier == 0:
+        return 0.0
+    if not pairs or power <= limits.significance * sqrt(variance):
+        return sqrt(2 * limits.significance * sqrt(variance) / carrier)
     depth = sqrt(2 * power / carrier)
     return (
         depth,
@@ -165,7 +169,13 @@ def _of_shaft(
     )
 
 
-def depth_of(read: LineReader, shaft: str, multiple: int, limits: ModulationThresholds = THRESHOLDS) -> float:
-    """Depth of one modulation by lines that were read elsewhere; 0 where nothing exceeds the noise."""
+def depth_of(
+    read: LineReader, shaft: str, multiple: int, limits: ModulationThresholds = THRESHOLDS
+) -> tuple[float, float, bool]:
+    """Depth of one modulation by lines that were read elsewhere, 0 where nothing exceeds the noise; the depth that it
+    has at most; and whether it is reported.
+    """
     found = _of_shaft(read, shaft, multiple, limits)
-    return 0.0 if found is None else found[0]
+    if not isinstance(found, tuple):
+        return 0.0, found, False
+    return found[0], found[0], _is_reported(found[0], found[2], limits)

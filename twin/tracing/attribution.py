@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,16 @@ from twin.effects.response import Effect
 from twin.effects.size_law import CONSTANT, SizeLaw
 from twin.tracing.joint_problem import EffectTrial
 from twin.tracing.mesh_trials import trial_of, with_law
+
+MOST_EARLIER = 3  # refits whose earlier numbers are kept: each can test the windows that came until the next
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Numbers:
+    """An effect as one fit gave it."""
+
+    addition: Addition
+    fitted: tuple[int, ...]  # indices of the windows that took part in the fit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +41,7 @@ class AttributedEffect:
     chance: float | None = None  # of so large a size without the effect; None: as its standard deviations say
     fitted: tuple[int, ...] = ()  # indices of the windows that its numbers were fitted to
     change_std: tuple[float, float] | None = None  # of the second change: its revolutions, and its factor
+    earlier: tuple[Numbers, ...] = ()  # before refits, the latest first
 
     @classmethod
     def of(cls, effect: Effect, *, onset: float = 0.0, law: SizeLaw = CONSTANT, **figures: Any) -> AttributedEffect:
@@ -40,6 +51,17 @@ class AttributedEffect:
     @property
     def name(self) -> str:
         return self.addition.name
+
+    @property
+    def by_fit(self) -> tuple[Numbers, ...]:
+        """Its numbers in use, and those before every refit, the latest first."""
+        return (Numbers(addition=self.addition, fitted=self.fitted), *self.earlier)
+
+    def refit_of(self, known: AttributedEffect | None) -> AttributedEffect:
+        """The effect with the numbers that it had before; as it is where it sets in later or no longer does."""
+        if known is None or (known.addition.onset_revolutions > 0) != (self.addition.onset_revolutions > 0):
+            return self
+        return replace(self, earlier=known.by_fit[:MOST_EARLIER])
 
     @property
     def kept(self) -> EffectTrial | None:
@@ -65,6 +87,7 @@ class AttributedEffect:
             "chance": self.chance,
             "fitted": list(self.fitted),
             "change_std": None if self.change_std is None else list(self.change_std),
+            "earlier": [{"addition": n.addition.to_dict(), "fitted": list(n.fitted)} for n in self.earlier],
         }
 
     @classmethod
@@ -82,4 +105,8 @@ class AttributedEffect:
             chance=data.get("chance"),
             fitted=tuple(data.get("fitted", ())),
             change_std=None if data.get("change_std") is None else tuple(data["change_std"]),
+            earlier=tuple(
+                Numbers(addition=Addition.from_dict(n["addition"]), fitted=tuple(n["fitted"]))
+                for n in data.get("earlier", ())
+            ),
         )

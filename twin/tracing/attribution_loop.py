@@ -118,7 +118,10 @@ def _with_known(
     """What was found, with the numbers of before where it is the same; else with the windows that they rest on."""
     known = {f.name: f for f in tracing.found}
     return tuple(
-        known[f.name] if f.name in known and same_effect(known[f.name], f) else replace(f, fitted=fitted) for f in found
+        known[f.name]
+        if f.name in known and same_effect(known[f.name], f)
+        else replace(f, fitted=fitted).refit_of(known.get(f.name))
+        for f in found
     )
 
 

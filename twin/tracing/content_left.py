@@ -200,6 +200,7 @@ def sentence(
 ) -> str:
     """Lines that no effect explains, by channel, in words."""
     parts = []
+    speeds = [t.features.speed_hz for t in history if t.features.speed_hz]
     for channel in dict.fromkeys(line.channel for line in lines):
         own = [line for line in lines if line.channel == channel]
         factor, unit = UNITS[channel]
@@ -207,10 +208,19 @@ def sentence(
         share = 100 * min(sum(line.share for line in own), 1.0)
         parts.append(
             f"lines of the shafts' own orders that no effect explains make {share:.0f} % of the "
-            f"{CHANNEL_NAMES[channel]}: {', '.join(sizes)}; {_growth(channel, own[0].order, history, limits)}"
+            f"{CHANNEL_NAMES[channel]}: {', '.join(sizes)}{_band(own, speeds)}; "
+            f"{_growth(channel, own[0].order, history, limits)}"
             f"{_cause(rig, own, lines)}"
         )
     return "; ".join(parts)
+
+
+def _band(lines: Sequence[LeftLine], speeds: Sequence[float]) -> str:
+    """The frequencies of lines over all windows."""
+    if not speeds:
+        return ""
+    low, high = (f(line.order for line in lines) * f(speeds) for f in (min, max))
+    return f", from {low:.4g} Hz to {high:.4g} Hz over the windows"
 
 
 def _cause(rig: Rig, lines: Sequence[LeftLine], every: Sequence[LeftLine]) -> str:

@@ -3,6 +3,7 @@
     d_w = e_w(without) − e_w(with),      e_w² = Σ|y − m|²/v / Σ|y|²/v over one channel's lines of a window w
     earned      mean(d) > s in a channel that the effect claims, and mean(d) ≥ −s in every channel that is left with
                 more than a healthy machine leaves, unless a claimed one falls by a larger factor than it rises by
+                and the channel may show the effect all the same (shown_share in moved_lines.py)
     suspected   the same where fewer windows than `least_windows` could say so
     refused     else, or where its size is impossible on this rig or as likely as not by chance
 
@@ -12,8 +13,12 @@ y  measured
 m  predicted by the twin in use without the effect alone, and with it; without it at the depth that predicts better:
    that of the twin in use, or that of the twin before the effect joined
 
-The windows are those recorded since the effect is certainly there that took no part in the fit of its numbers. What no
-steady state predicts line by line claims content of its own (held_out_content.py).
+The windows are those recorded since the effect is certainly there that took no part in the fit of its numbers. A refit
+takes part in windows that its numbers of before had not seen: these are predicted by those numbers, where too few are
+left without. What no steady state predicts line by line claims content of its own (held_out_content.py).
+
+What has been there from the start, turns with a shaft and lowers the error of an encoder alone, may be the encoder's
+own disc: then the disc is a rival of the effect that the channels cannot tell from it.
 
     P(size by chance) = P(χ²_n > (x/σ)²)      n = 1, or 2 of an amplitude with a free phase; of what stands for many
                                              numbers, as pitch errors do, the detector says it by the lines' own noise
@@ -27,6 +32,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from twin.assessment import HeldOutResidual
@@ -41,13 +47,14 @@ from twin.tracing.context import held_out
 from twin.tracing.healthy_lines import LearnedFactors, largest_healthy
 from twin.tracing.held_out_content import content_change
 from twin.tracing.held_out_error import (
+    ENCODERS,
     ChannelComparison,
     HeldOutComparison,
     compare,
     errors_of,
     residual_by_band_and_order,
 )
-from twin.tracing.moved_lines import MOVED_LINE_LIMITS, MovedLineLimits, counted_lines, moved_lines
+from twin.tracing.moved_lines import MOVED_LINE_LIMITS, MovedLineLimits, counted_lines, moved_lines, shown_share
 from twin.tracing.state import ChannelChange, EffectErrors, Refusal, Tracing, relevant
 from twin.tracing.unknown_held_out import path_without_fault, with_unknown
 from twin.updating.conditions import LEVEL, condition_of, kind_of
@@ -84,9 +91,21 @@ class EarnedLimits:
         meaning="rise of an error that counts at least",
         source="not derived: chosen so that an effect that changes nothing is not refused for rounding",
     )
+    least_shown: float = deciding(
+        0.5,
+        of="what the effect would make of a channel's lines",
+        meaning="share that a channel must be able to show, by two standard deviations, for its error to be excused",
+        source="derivation: the path to a sensor that lies within its tolerances is off by less than half",
+    )
+    chance_shown: float = deciding(
+        0.05,
+        meaning="probability that lines of no such cause agree with an effect as well, up to which a channel shows it",
+        source="convention; where it is larger the effect keeps its name, and its rival",
+    )
 
 
 LIMITS = EarnedLimits()
+DISC = "encoder_disc"  # of channel_faults.py
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +115,7 @@ class Judgement:
     kind: str  # "earned", "suspected" or "refused"
     reason: str = ""  # a clause; "" where it is earned
     merit: float = 0.0  # the clearest fall of a channel that it claims, in standard errors
+    rivals: tuple[str, ...] = ()  # what the channels that show it cannot tell it from
 
 
 def implausible(rig: Rig, item: AttributedEffect, limits: EarnedLimits = LIMITS) -> str | None:
@@ -165,36 +185,73 @@ def with_errors(rig: Rig, tracing: Tracing) -> Tracing:
 
 
 def _errors(rig: Rig, tracing: Tracing, item: AttributedEffect) -> EffectErrors:
-    """Of the twin in use without one effect and with it, on the windows held out for it."""
-    windows, indices = _windows(rig, tracing, item)
+    """Of the twin in use without one effect and with it, on the windows held out for it.
+
+    Its numbers before a refit may speak for it, not against it: the refit may have mended them.
+    """
+    errors = _errors_on(rig, tracing, item, *_windows(rig, tracing, item))
+    if item.earlier and judged(item, errors).kind == "refused":
+        errors = _errors_on(rig, tracing, item, *_windows(rig, tracing, replace(item, earlier=())))
+    return errors
+
+
+def _errors_on(
+    rig: Rig, tracing: Tracing, item: AttributedEffect, windows: Sequence[WindowInput], held: Collection[int]
+) -> EffectErrors:
+    by_numbers = _by_numbers(item, windows)
     facts = item.addition.effect.facts
     if facts.claims != "lines":
-        errors = errors_of(list(_compared(rig, tracing, windows, indices, tracing.found).values()))
-        change = content_change(item.addition.effect, windows, _fitted(tracing, item))
-        changes = (_change(facts.claims, *change, 0.0, True),)
+        errors = errors_of(list(_compared(rig, tracing, windows, held, tracing.found).values()))
+        before, after = np.empty(0), np.empty(0)
+        for version, group in by_numbers:
+            without, present = content_change(version.addition.effect, group, _fitted(tracing, version))
+            before, after = np.append(before, without), np.append(after, present)
+        changes = (_change(facts.claims, before, after, 0.0, True, (1.0, 0.0)),)
         return EffectErrors(before=errors, after=errors, changes=changes, windows=tuple(w.index for w in windows))
-    rest = tuple(f for f in tracing.found if f is not item)
-    present = _compared(rig, tracing, windows, indices, tracing.found)
-    absent = _compared(rig, tracing, windows, indices, rest)
-    before = len(relevant(tracing.found[: tracing.found.index(item)]))
-    if facts.changes_mesh_lines:
-        other = _compared(rig, tracing, windows, indices, rest, stage=before)
-        if _whole(other, present) < _whole(absent, present):
-            absent = other
-    pairs = [(absent[i], present[i]) for i in present if i in absent]
-    note = "; ".join(
-        f"window {w.index} is left out: no steady state"
-        for w in windows
-        if not (w.index in present and w.index in absent)
-    )
-    moved = moved_lines(pairs, facts.is_torque)
+    pairs: list[Pair] = []
+    for version, group in by_numbers:
+        found = tuple(version if f is item else f for f in tracing.found)
+        pairs += _pairs(rig, replace(tracing, found=found), version, group, held)
+    pairs.sort(key=lambda pair: pair[0].index)
+    shown = tuple(a.index for a, _ in pairs)
+    note = "; ".join(f"window {w.index} is left out: no steady state" for w in windows if w.index not in shown)
     return EffectErrors(
         before=errors_of([a for a, _ in pairs], note),
         after=errors_of([b for _, b in pairs], note),
-        moved=moved,
-        windows=tuple(a.index for a, _ in pairs),
+        moved=moved_lines(pairs, facts.is_torque),
+        windows=shown,
         changes=_changes(pairs, facts.is_torque),
     )
+
+
+def _by_numbers(
+    item: AttributedEffect, windows: Sequence[WindowInput]
+) -> list[tuple[AttributedEffect, list[WindowInput]]]:
+    """The effect with the newest numbers that each window took no part in, with its windows."""
+    out = []
+    rest = list(windows)
+    for numbers in item.by_fit:
+        group = [w for w in rest if w.index not in numbers.fitted]
+        rest = [w for w in rest if w.index in numbers.fitted]
+        if group:
+            same = numbers.addition is item.addition
+            out.append((item if same else replace(item, addition=numbers.addition, fitted=numbers.fitted), group))
+    return out
+
+
+def _pairs(
+    rig: Rig, tracing: Tracing, item: AttributedEffect, windows: Sequence[WindowInput], held: Collection[int]
+) -> list[Pair]:
+    """Windows as the twin predicts them without one of its effects and with it."""
+    rest = tuple(f for f in tracing.found if f is not item)
+    present = _compared(rig, tracing, windows, held, tracing.found)
+    absent = _compared(rig, tracing, windows, held, rest)
+    before = len(relevant(tracing.found[: tracing.found.index(item)]))
+    if item.addition.effect.facts.changes_mesh_lines:
+        other = _compared(rig, tracing, windows, held, rest, stage=before)
+        if _whole(other, present) < _whole(absent, present):
+            absent = other
+    return [(absent[i], present[i]) for i in present if i in absent]
 
 
 def _whole(twin: Mapping[int, HeldOutComparison], others: Collection[int]) -> float:
@@ -221,7 +278,8 @@ def _changes(
         )
         count = sum(other.orders.size for _, other in used)
         healthy = float(np.sqrt(largest_healthy([np.ones(count)]) / sum(energies)))
-        out.append(_change(name, before, after, healthy, bool(shift > moves.least_move**2)))
+        claimed = bool(shift > moves.least_move**2)
+        out.append(_change(name, before, after, healthy, claimed, shown_share(used)))
     return tuple(out)
 
 
@@ -240,9 +298,9 @@ def _counted(
 
 
 def _change(
-    channel: str, before: Sequence[float], after: Sequence[float], healthy: float, claimed: bool
+    channel: str, before: ArrayLike, after: ArrayLike, healthy: float, claimed: bool, shown: tuple[float, float]
 ) -> ChannelChange:
-    fall = np.array(before) - np.array(after)
+    fall = np.subtract(before, after)
     return ChannelChange(
         channel=channel,
         before=float(np.sqrt(np.mean(np.square(before)))) if fall.size else 0.0,
@@ -251,6 +309,7 @@ def _change(
         std=float(np.std(fall, ddof=1) / np.sqrt(fall.size)) if fall.size > 1 else 0.0,
         healthy=healthy,
         claimed=claimed,
+        shown=shown,
         windows=int(fall.size),
     )
 
@@ -266,17 +325,32 @@ def judged(item: AttributedEffect, errors: EffectErrors, limits: EarnedLimits = 
     rising = [
         c
         for c in errors.changes
-        if -c.fall > max(c.std, limits.worse * c.before) and c.after > c.healthy and _ratio(c) < -most
+        if -c.fall > max(c.std, limits.worse * c.before)
+        and c.after > c.healthy
+        and (_ratio(c) < -most or (c.claimed and c.shown[0] + 2 * c.shown[1] < limits.least_shown))
     ]
     merit = max((c.fall / max(c.std, 1e-12) for c in claimed), default=-np.inf)
     if not falling:
         return Judgement(kind="refused", reason=_unimproved(errors.changes, claimed), merit=merit)
     if rising:
         return Judgement(kind="refused", reason=f"{_said(rising[0])} rises with it", merit=merit)
+    rivals = _rivals(item, errors.changes, limits)
     if count < limits.least_windows:
         number = "one held-out window" if count == 1 else f"{count} held-out windows"
-        return Judgement(kind="suspected", reason=f"only {number} since its onset could test it", merit=merit)
-    return Judgement(kind="earned", merit=merit)
+        reason = f"only {number} since its onset could test it"
+        return Judgement(kind="suspected", reason=reason, merit=merit, rivals=rivals)
+    return Judgement(kind="earned", merit=merit, rivals=rivals)
+
+
+def _rivals(item: AttributedEffect, changes: Sequence[ChannelChange], limits: EarnedLimits) -> tuple[str, ...]:
+    """The encoder's disc, where what turns with a shaft from the start is shown by no channel but the encoders'."""
+    if item.addition.effect.period == "mesh" or item.addition.onset_revolutions > 0:
+        return ()
+    clear = np.sqrt(-2 * np.log(limits.chance_shown))
+    others = [c for c in changes if c.channel not in ENCODERS]
+    by_encoder = any(c.claimed and c.fall > c.std for c in changes if c.channel in ENCODERS)
+    confirmed = any(c.shown[0] > clear * c.shown[1] or (c.claimed and c.fall > c.std) for c in others)
+    return (DISC,) if by_encoder and not confirmed else ()
 
 
 def _ratio(change: ChannelChange) -> float:
@@ -325,22 +399,32 @@ def _fitted(tracing: Tracing, item: AttributedEffect) -> list[WindowInput]:
 def _windows(rig: Rig, tracing: Tracing, item: AttributedEffect | None) -> tuple[list[WindowInput], set[int]]:
     """The newest windows that can judge an effect, or the twin in use, and the indices of all that took part in no fit.
 
-    Windows whose speed changes through resonances are compared only where there are no others.
+    Windows whose speed changes through resonances are compared only where there are no others; those that only numbers
+    before a refit had not seen, where there are too few without.
     """
     measured = [w for w in tracing.history if kind_of(w.features, rig) == "measurement"]
-    items = tracing.found if item is None else (item,)
-    nominal = held_out([w.index for w in measured])
-    out = {w.index for w in measured if w.index in nominal or items}
-    out -= {index for one in items for index in one.fitted}
-    if not items:
+    if item is not None:
+        since = certain_since(tracing, item)
+        later = [w for w in measured if (w.features.revolutions or 0.0) >= since]
+        windows = _steady([w for w in later if w.index not in item.fitted])[-MOST_COMPARED:]
+        if len(windows) < LIMITS.least_windows:
+            unseen = (w for w in later if any(w.index not in n.fitted for n in item.earlier))
+            more = _steady([w for w in unseen if w.index in item.fitted])[len(windows) - LIMITS.least_windows :]
+            windows = sorted((*windows, *more), key=lambda w: w.index)
+        return windows, {w.index for w in measured if w.index not in item.fitted} | {w.index for w in windows}
+    out = held_out([w.index for w in measured])
+    out = ({w.index for w in measured} if tracing.found else out) - {i for one in tracing.found for i in one.fitted}
+    if not tracing.found:
         out -= set(tracing.latest.fitted)  # a trace since a remount begins with another window
-    since = max((certain_since(tracing, one) for one in items), default=0.0)
+    since = max((certain_since(tracing, one) for one in tracing.found), default=0.0)
     windows = [w for w in measured if w.index in out]
     later = [w for w in windows if (w.features.revolutions or 0.0) >= since]
-    if item is None:
-        later = later or windows
-    steady = [w for w in later if (w.features.level_uncertainty or 0.0) <= LEVEL.most_uncertain]
-    return (steady or later)[-MOST_COMPARED:], out
+    return _steady(later or windows)[-MOST_COMPARED:], out
+
+
+def _steady(windows: list[WindowInput]) -> list[WindowInput]:
+    """Those whose speed does not change through resonances, or all where there are none."""
+    return [w for w in windows if (w.features.level_uncertainty or 0.0) <= LEVEL.most_uncertain] or windows
 
 
 def learned_factors(tracing: Tracing, held_out_windows: Collection[int]) -> LearnedFactors:

@@ -14,7 +14,8 @@ e    form of real teeth that no model has, φ and β at mesh orders (scatter.py)
 c    floor of the channel; of the acceleration away from mesh orders its noise floor
 
 A machine whose learned factors lie further from one than its tolerances allow has a structure of its own; s then grows
-by the ratio (R. T. Birge, Phys. Rev. 40 (1932) 207–227). The energy that several lines together leave is up to
+by the ratio (R. T. Birge, Phys. Rev. 40 (1932) 207–227), up to what healthy machines reach: beyond it the path is
+another than the rig file's, and hides nothing. The energy that several lines together leave is up to
 M·χ²_n(q)/n with M = Σv and n = 2·M²/Σv² (F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110–114).
 """
 
@@ -58,6 +59,13 @@ class HealthyLimits:
         of="largest line of the channel",
         meaning="the same of a line that a window does not show",
         source="not derived: chosen; 60 dB below what the channel carries",
+    )
+    most_departure: float = deciding(
+        5.0,
+        of="what the rig file's tolerances allow",
+        meaning="distance of the learned factors from one by which the scatter of a structure of its own grows at most",
+        source="between observed values: machines at twice the tolerances reach 5.1 with a torque meter; "
+        "paths that are not linear 19 and more",
     )
     graduation: float = deciding(
         0.05,
@@ -185,14 +193,15 @@ class HealthyLines:
         return tolerance * self._departure(channel, learned) * learned.unknown(channel, frequency)
 
     def _departure(self, channel: str, learned: LearnedFactors) -> float:
-        """By how many times the learned factors lie further from one than the tolerances allow; at least 1."""
+        """By how many times the learned factors lie further from one than the tolerances allow; 1 to the most."""
         lines = learned.path if channel == "acceleration" else learned.mesh
         if not lines:
             return 1.0
         _, f, factor, std = (np.array(column) for column in zip(*lines, strict=True))
         tolerance = np.sqrt(np.sum(np.abs(self.machines.scatter(channel, f.real)) ** 2, axis=0))
         allowed = tolerance**2 + 2 * std.real**2
-        return max(1.0, float(np.sqrt(np.mean(np.abs(factor - 1) ** 2 / allowed))))
+        departure = float(np.sqrt(np.mean(np.abs(factor - 1) ** 2 / allowed)))
+        return min(max(1.0, departure), LIMITS.most_departure)
 
     def _disc(self, orders: np.ndarray) -> np.ndarray:
         """δ (n,) [m]."""

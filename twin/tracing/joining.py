@@ -135,7 +135,7 @@ def _candidates(rig: Rig, tracing: Tracing, traced: Traced) -> list[AttributedEf
             )
         else:
             by_all = item.addition.effect.facts.claims == "envelope"
-            item = replace(item, fitted=measured if by_all else traced.fitted)
+            item = replace(item, fitted=measured if by_all else traced.fitted).refit_of(known)
         new.append(with_rivals(item))
     names = {f.name for f in new}
     new += [f for f in tracing.found if f.name not in names and tracing.decisions.get(f.name) in STAYING]

@@ -12,13 +12,13 @@ from twin.tracing.state import Tracing, parameters_of
 MOST_ENTRIES = 200  # of the log
 
 
-def evidence_of(item: AttributedEffect) -> Evidence:
-    """What speaks for an effect."""
+def evidence_of(item: AttributedEffect, rivals: Sequence[str] = ()) -> Evidence:
+    """What speaks for an effect; `rivals` are what held-out windows cannot tell it from."""
     return Evidence(
         log_evidence=item.log_evidence,
         runner_up=item.runner_up,
         over_runner_up=item.over_runner_up,
-        indistinguishable_from=tuple(item.alike),
+        indistinguishable_from=tuple(sorted({*item.alike, *rivals})),
         detail=item.detail,
     )
 

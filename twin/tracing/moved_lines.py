@@ -92,3 +92,27 @@ def counted_lines(
     if channel == "torque" and not is_torque:
         return lines.orders * speed_hz > limits.speed_control
     return np.ones(lines.orders.size, dtype=bool)
+
+
+def shown_share(windows: Sequence[tuple[ChannelComparison, ChannelComparison]]) -> tuple[float, float]:
+    """The share of what an effect makes of a channel's lines that the channel shows: 1 as predicted, 0 none of it.
+
+    a = |Σ_o p_o|/Σ|b − a|²/v,  std = √(½·Σ_o |p_o|²)/Σ|b − a|²/v,  p_o = Σ (y − a)·conj(b − a)/v over the windows
+
+    The standard deviation, per real and imaginary part, is that of lines of the same size whose phases have nothing to
+    do with the prediction; a path to the sensor that turns them all alike hides nothing.
+
+    windows  one channel of each without and with the effect
+    """
+    by_order: dict[float, complex] = {}
+    size = 0.0
+    for without, present in windows:
+        move = present.predicted - without.predicted
+        size += float(np.sum(np.abs(move) ** 2 / present.variance))
+        products = (present.measured - without.predicted) * move.conj() / present.variance
+        for order, product in zip(np.round(present.orders, 6).tolist(), products.tolist(), strict=True):
+            by_order[order] = by_order.get(order, 0j) + product
+    if not size > 0:
+        return 0.0, float("inf")
+    sums = np.array(list(by_order.values()))
+    return float(abs(sums.sum())) / size, float(np.sqrt(0.5 * np.sum(np.abs(sums) ** 2))) / size

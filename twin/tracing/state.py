@@ -83,6 +83,7 @@ class ChannelChange:
     std: float  # its standard error, paired; 0 of a single window
     healthy: float  # that a healthy machine has at most; 0 where nothing is known of it
     claimed: bool  # whether the effect moves lines of the channel beyond their scatter
+    shown: tuple[float, float] = (1.0, 0.0)  # share of that move which the channel itself shows, and its std
     windows: int
 
 

@@ -28,7 +28,7 @@ def effects_of(rig: Rig, tracing: Tracing) -> tuple[EffectAssessment, ...]:
                 name=item.name,
                 status=status,
                 parameters=parameters_of(item),
-                evidence=evidence_of(item),
+                evidence=evidence_of(item, verdict.rivals),
                 error_before=errors.before,
                 error_after=errors.after,
                 moved_lines=errors.moved,

@@ -100,7 +100,14 @@ const EXPLAINED = { explained: "the model explains the vibration", unknown_effec
 const newModulation = (modulation) => [...new Set((isAvailable(modulation) ? modulation : []).filter((m) => m.new)
   .map((m) => `modulation ${m.per_turn} × per turn of the ${m.shaft}`))].map((name) => ({ name, label: name }));
 
-function effectsCard({ effects, modulation, unexplained, baseline, wear, calibration }) {
+// What the windows would have shown, in the words of the answer.
+function couldBeFound(detectable) {
+  const [heading, ...sizes] = detectable?.said ?? [];
+  return heading ? element("details", { dataset: { key: "could-be-found" } }, element("summary", {}, heading),
+    element("ul", {}, ...sizes.map((size) => element("li", {}, size)))) : "";
+}
+
+function effectsCard({ effects, modulation, unexplained, baseline, wear, calibration, detectable }) {
   const found = [...(isAvailable(effects) ? effects : []), ...newModulation(modulation)];
   const learned = isAvailable(baseline);
   const judged = isAvailable(unexplained) ? unexplained.verdict : null;
@@ -112,7 +119,8 @@ function effectsCard({ effects, modulation, unexplained, baseline, wear, calibra
   return card(learned ? "Changes since the healthy baseline" : "Effects other than wear",
     found.length ? String(found.length) : "none found", "", [...names].map(([name, count]) => (count > 1 ? `${name} (${count} channels)` : name)).join(", "), verdict,
     ...new Set(found.flatMap((e) => e.caveats ?? [])),
-    judged && Number.isFinite(unexplained.share_percent) ? `${number(unexplained.share_percent)} % of the energy above the noise is unexplained` : "");
+    judged && Number.isFinite(unexplained.share_percent) ? `${number(unexplained.share_percent)} % of the energy above the noise is unexplained` : "",
+    couldBeFound(detectable));
 }
 
 function pairCards({ pair }) {
