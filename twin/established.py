@@ -81,6 +81,12 @@ class EstablishedLimits:
         meaning="95 % quantile of the true depth",
         source="as doubtful_low: 1.01, the largest 1.10; rounded up",
     )
+    doubtful_misfit: float = deciding(
+        10.0,
+        meaning="misfit of the encoders' mesh lines up to which doubtful_low and doubtful_high hold as they are",
+        source="the largest of 26 windows beyond the limit of doubt, worn by over 2 µm, in D03, D06, D07, D10 and D11 "
+        "without attribution (9.6, rounded up)",
+    )
     uncalibrated_level: float = deciding(
         2.0,
         of="variance of the logarithm of a depth by the level",

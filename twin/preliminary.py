@@ -9,7 +9,8 @@ The reasons are those of twin/grounds.py.
 Bands  by level: the half-widths of its band in ln, times √max(misfit of the calibration, 1) (Birge's ratio, as in
        updating/depth.py), and times √2 where no unworn window has calibrated the level, which is then as uncertain as
        the depth that follows from a calibrated one.
-       By encoders: at least the spread of true over estimated depth where the calibration was in doubt. Where it is in
+       By encoders: at least the spread of true over estimated depth where the calibration was in doubt, its
+       half-widths in ln times Birge's ratio where the lines fit worse than there. Where it is in
        doubt from where the depths count (no window of new gears, an unknown age, a first depth that no wear makes), the
        5th percentile is what the growth since the first worn window proves (updating/growth.py).
        With effects in the model of an estimated structure: also the band of wear alone (twin/tracing/wear_alone.py).
@@ -72,12 +73,13 @@ def confidence_of(
         return Confidence(missing=_missing(basis, excluding), band=outcome.depth_band, doubts=doubts)
     grounds = [ground for rule in RULES for ground in rule(basis)]
     before = history.of_rig(rig).supports(outcome.depth, outcome.memory.track.revolutions)
+    doubt = _life_doubt(basis, grounds)
     return Confidence(
         band=_band(basis, grounds),
         depth=_preliminary(basis, [ground for ground in grounds if ground.depth], before),
         life=_preliminary(basis, [ground for ground in grounds if ground.life], before),
-        no_life=does_not_fit(errors),
-        life_doubt=_life_doubt(basis, grounds),
+        no_life=does_not_fit(errors) or _unknown_depth(basis, doubt),
+        life_doubt=doubt,
         doubts=doubts,
     )
 
@@ -127,9 +129,16 @@ def _band_with_effects(basis: Basis, grounds: list[Ground]) -> tuple[float, floa
     doubting = _doubting(grounds)
     if not doubting:
         return low, high
-    certain = basis.limits.doubtful_low if any(not ground.of_zero for ground in doubting) else 1.0
+    wider = _misfit_ratio(basis)
+    certain = basis.limits.doubtful_low**wider if any(not ground.of_zero for ground in doubting) else 1.0
     least = certain * (_proven(outcome) if any(ground.of_zero for ground in doubting) else depth)
-    return min(low, least), max(high, basis.limits.doubtful_high * depth)
+    return min(low, least), max(high, basis.limits.doubtful_high**wider * depth)
+
+
+def _misfit_ratio(basis: Basis) -> float:
+    """By how much the half-widths of a doubtful depth by encoders grow, in ln: their lines fit worse than they may."""
+    estimate = basis.outcome.estimate
+    return sqrt(max(1.0, (0.0 if estimate is None else estimate.misfit) / basis.limits.doubtful_misfit))
 
 
 def _proven(outcome: UpdateOutcome) -> float:
@@ -148,6 +157,17 @@ def _life_doubt(basis: Basis, grounds: list[Ground]) -> LifeDoubt:
     return LifeDoubt(
         of_depth=(high - low) / (2 * Z95 * depth) if (doubted or basis.alone) and depth > 0 else 0.0,
         of_rate=basis.limits.young_rate if young else 0.0,
+    )
+
+
+def _unknown_depth(basis: Basis, doubt: LifeDoubt) -> str | None:
+    """Why no life follows from a depth by encoders that is uncertain by more than itself; None where it is less."""
+    estimate = basis.outcome.estimate
+    if estimate is None or _misfit_ratio(basis) == 1 or doubt.of_depth < 1:
+        return None
+    return (
+        f"the encoders' mesh lines differ from the model by {sqrt(estimate.misfit):.1f} times what the rig file's "
+        "tolerances allow, so that the depth is uncertain by more than itself"
     )
 
 

@@ -149,6 +149,25 @@ def test_what_no_healthy_machine_leaves_in_three_windows_is_content_without_a_na
     assert found.verdict == "unknown_effect" and said in found.reason
 
 
+@pytest.mark.parametrize("channel", ["rms", "waveform", "transmission_error"])
+@pytest.mark.parametrize("most", [1.0, 1.37, 4.0])
+def test_channel_of_which_a_healthy_machine_may_miss_all_confirms_nothing(channel, most):
+    """A 60 % crack beside pitch errors: the acceleration off by 54 %, a healthy machine's limit 137 %, "explained"."""
+    wide = replace(GOOD, healthy=replace(HEALTHY, **{channel: most}), **{channel: 0.5})
+    found = unexplained_of([RESIDUAL], [], wide)
+    assert found.verdict == "insufficient_data" and f"may leave {100 * most:.0f} % of the" in found.reason
+
+
+def test_limit_is_this_machines_own_and_no_constant():
+    """28 % of the transmission error: explained near a resonance where healthy machines reach 45 %, nowhere else."""
+    near = replace(GOOD, transmission_error=0.28, healthy=replace(HEALTHY, transmission_error=0.45))
+    away = replace(GOOD, transmission_error=0.28, healthy=replace(HEALTHY, transmission_error=0.12))
+    assert unexplained_of([RESIDUAL], [], near).verdict == "explained"
+    assert unexplained_of([RESIDUAL], [], away).verdict == "unknown_effect"
+    few = replace(away, windows=(2,))
+    assert unexplained_of([RESIDUAL], [], few).verdict == "insufficient_data"
+
+
 def test_model_that_predicts_worse_than_nothing_gives_no_life():
     assert does_not_fit(replace(GOOD, rms=4.7)) and does_not_fit(replace(GOOD, waveform=1.2))
     assert does_not_fit(GOOD) is None and does_not_fit(replace(GOOD, transmission_error=1.2)) is None

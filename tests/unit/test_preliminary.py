@@ -144,6 +144,34 @@ def test_depth_by_level_is_preliminary_and_is_not_available_where_the_level_has_
     assert "is not known" in unknown.missing and unknown.depth is None
 
 
+def misfitting(misfit):
+    """A depth whose encoder lines fit so badly, and no held-out window yet."""
+    rig, outcome = latest()
+    return rig, replace(outcome, estimate=replace(outcome.estimate, misfit=misfit))
+
+
+@pytest.mark.parametrize(("misfit", "over"), [(176.0, 1.50), (609.0, 0.386), (456.0, 0.518), (474.0, 0.527)])
+def test_band_of_a_depth_knows_how_badly_the_lines_of_the_encoders_fit(misfit, over):
+    """Flanks that wear only above a load: true over estimated depth by misfit, outside a band of 0.5 to 1.25 once."""
+    rig, outcome = misfitting(misfit)
+    low, high = confidence_of(rig, outcome, None).band
+    assert low < over * outcome.depth < high
+
+
+@pytest.mark.parametrize("misfit", [4.5, 7.0, 9.6])
+def test_band_of_a_depth_in_slight_doubt_is_no_wider_than_before(misfit):
+    rig, outcome = misfitting(misfit)
+    assert confidence_of(rig, outcome, None).band == pytest.approx((0.5 * outcome.depth, 1.25 * outcome.depth))
+
+
+def test_life_widens_with_the_misfit_and_is_not_given_where_the_depth_is_uncertain_by_more_than_itself():
+    doubts = [confidence_of(*misfitting(m), None) for m in (9.0, 35.0, 100.0)]
+    spreads = [d.life_doubt.of_depth for d in doubts]
+    assert spreads == sorted(spreads) and spreads[-1] > 2 * spreads[0] and all(d.no_life is None for d in doubts)
+    assert "21.8 times" in confidence_of(*misfitting(474.0), None).no_life
+    assert confidence_of(*misfitting(474.0), GOOD).no_life is None  # held-out windows confirm the twin
+
+
 def test_band_by_level_widens_with_the_misfit_of_the_calibration():
     rig, outcome = latest()
     good, poor = (confidence_of(rig, by_level(outcome, misfit=m), GOOD).band for m in (1.0, 4.0))

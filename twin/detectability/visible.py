@@ -44,7 +44,7 @@ from twin.tracing.detectors.non_gear import THRESHOLDS as BLOWS
 from twin.tracing.detectors.non_gear import defect_of
 from twin.tracing.detectors.rattle import THRESHOLDS as RATTLE
 from twin.tracing.detectors.rattle import strikes
-from twin.tracing.tooth_patterns import NAMES, Pattern, patterns, pinion_orders, rms_of
+from twin.tracing.tooth_patterns import NAMES, Pattern, near_energy, patterns, pinion_orders, rms_of
 
 ALARM_CLASS = tuple(name for name, kind in EFFECTS.items() if kind.facts.alarm_class == "alarm")
 ORDERS = (3.05, 5.4)  # of blows where the rig file names no bearing: outer and inner race of one with nine balls or so
@@ -128,7 +128,7 @@ def _crack(
             response = _response(model, condition, gear, tuple(seen[0].orders.tolist()))
         except TwinError:
             return _none(*none, "the model has no steady state with a cracked tooth under this condition")
-        losses.append(_loss(seen, np.array(response), scales))
+        losses.append(_loss(seen, model.mesh.pair.teeth[gear], np.array(response), scales))
     worst = max(losses)
     least = "a crack that sets in between two windows, against the changes from window to window so far"
     highest = ToothCrack.parameters[0].high
@@ -146,11 +146,12 @@ def _response(model: Model, condition: Condition, gear: int, orders: tuple[int, 
     return tuple(found.transmission_error(at).tolist())
 
 
-def _loss(seen: Sequence[Pattern], response: np.ndarray, scales: Scales) -> float:
-    """The least loss of stiffness whose change all of the detector's thresholds let pass; 1 where none does."""
-    steps = np.array([rms_of(b.lines - a.lines) for a, b in pairwise(seen)])
-    quiet, floor = float(np.median(steps)), CRACK.least_quiet * scales.graduation[0]
-    least = max(CRACK.suddenness * max(quiet, floor), CRACK.least_change * scales.deflection)
+def _loss(seen: Sequence[Pattern], z: int, response: np.ndarray, scales: Scales) -> float:
+    """The least loss of one of z teeth whose change all of the detector's thresholds let pass; 1 where none does."""
+    steps = np.array([b.lines - a.lines for a, b in pairwise(seen)])
+    quiet, floor = float(np.median([rms_of(s) for s in steps])), CRACK.least_quiet * scales.graduation[0]
+    restless = float(np.sqrt(np.median(near_energy(steps, seen[0].orders, z), axis=0).max()))  # the tooth that is most
+    least = max(CRACK.suddenness * max(restless, floor), CRACK.least_change * scales.deflection)
     noise = max(quiet * sqrt(2 / response.size), floor)
     power = np.abs(response) ** 2
 

@@ -138,23 +138,25 @@ def tooth_shifts(z: int, m: np.ndarray, one: np.ndarray, next_one: np.ndarray) -
 
 
 def local_share(change: np.ndarray, m: np.ndarray, z: int) -> tuple[float, float]:
-    """Share of a change's energy within two tooth pitches, and what one spread over the turn reaches in a hundred."""
-    _, _, (share,) = _local_shares(change[None, :], m, z)
-    rng = np.random.default_rng(z)
-    turned = np.abs(change) * np.exp(2j * np.pi * rng.random((SURROGATES, change.size)))
-    return float(share), float(np.quantile(_local_shares(turned, m, z)[2], 0.99))
+    """Share of a change's energy within two tooth pitches, and what one of all teeth alike reaches in a hundred.
+
+    Where every tooth differs by itself, line z − m has the phase of line m turned round: both belong together.
+    """
+    teeth = np.random.default_rng(z).normal(size=(SURROGATES, z))
+    made = teeth @ np.exp(-2j * np.pi * np.outer(np.arange(z), m) / z)
+    turned = np.abs(change) * np.exp(1j * np.angle(made))
+    whole = max(rms_of(change) ** 2, 1e-300)
+    (share, *others) = near_energy(np.vstack([change, turned]), m, z).max(axis=1) / whole
+    return float(share), float(np.quantile(others, 0.99))
 
 
-def _local_shares(Δ, multiples, z: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Changes on a fine angle, its middle of greatest energy and the share there; (r, m) → (r, n), (r,), (r,)."""
+def near_energy(changes: np.ndarray, m: np.ndarray, z: int) -> np.ndarray:
+    """Mean square over a turn of what changes (r, n) have within two tooth pitches of every angle; (r, FINE·z)."""
     n = FINE * z
-    spectrum = np.zeros((Δ.shape[0], n // 2 + 1), dtype=complex)
-    spectrum[:, multiples] = Δ
-    change = np.fft.irfft(spectrum, n, axis=1) * (n / 2)
-    reach = int(NEAR * FINE)
+    spectrum = np.zeros((changes.shape[0], n // 2 + 1), dtype=complex)
+    spectrum[:, m] = changes
+    turn = np.fft.irfft(spectrum, n, axis=1) * (n / 2)
     box = np.zeros(n)
-    box[np.arange(-reach, reach + 1) % n] = 1.0
-    local = np.fft.irfft(np.fft.rfft(change**2, axis=1) * np.fft.rfft(box), n, axis=1)
-    middle = np.argmax(local, axis=1)
-    rows = np.arange(Δ.shape[0])
-    return change, middle, local[rows, middle] / np.maximum((change**2).sum(axis=1), 1e-300)
+    box[np.arange(-int(NEAR * FINE), int(NEAR * FINE) + 1) % n] = 1.0
+    energy = np.fft.irfft(np.fft.rfft(turn**2, axis=1) * np.fft.rfft(box), n, axis=1) / n
+    return np.maximum(energy, 0.0)

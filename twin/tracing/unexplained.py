@@ -7,7 +7,8 @@ b  RMS of the vibration between the lines of the shafts, which nothing in the mo
 A machine is explained only where the twin predicts windows that took no part in any fit: level, acceleration and
 transmission error within what a healthy machine of this rig file has at most there (healthy_lines.py), with nothing
 that speaks against the calibrated model. Beyond it, three held-out windows say `unknown_effect`: the vibration has
-content that no effect of the table makes. Fewer windows, a missing channel or a doubt give `insufficient_data`.
+content that no effect of the table makes. Fewer windows, a missing channel, a doubt, or a healthy machine that may
+leave as much as predicting nothing would, give `insufficient_data`.
 """
 
 from __future__ import annotations
@@ -105,14 +106,21 @@ def _left(recent: Sequence[WindowResidual], share: float) -> str:
     return f"lines that no effect explains hold {100 * share:.0f} % of the energy"
 
 
-def _not_confirmed(errors: HeldOutErrors | None) -> list[str]:
+def _not_confirmed(errors: HeldOutErrors | None, limits: VerdictLimits = VERDICT_LIMITS) -> list[str]:
     """What is missing for held-out windows to confirm the twin, a sentence each."""
     if errors is None or not errors.windows:
         return ["no held-out window has been compared with the twin yet"]
-    return [
+    missing = [
         f"the {what} of held-out windows is not available, so the twin is not confirmed by it"
         for name, what in CHANNELS.items()
         if name != "rms" and getattr(errors, name) is None
+    ]
+    healthy = HealthyErrors() if errors.healthy is None else errors.healthy
+    wide = {what: getattr(healthy, name) or 0.0 for name, what in CHANNELS.items()}
+    return missing + [
+        f"a machine without a fault may leave {100 * most:.0f} % of the {what} here, so the twin is not confirmed by it"
+        for what, most in wide.items()
+        if most >= limits.does_not_fit
     ]
 
 

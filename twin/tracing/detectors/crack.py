@@ -6,9 +6,10 @@
 R_m  response to tooth 0 that has lost the share q of its stiffness, by the harmonic balance, with the flanks that the
      teeth have worn to since then                                                                 [m]
 
-The change must be sudden against those from window to window before it, larger than a floor, and have its energy within
-two tooth pitches, more than a change that is spread over the turn would have by chance. A local pattern in the first
-windows is a crack from the start; a single displaced tooth would look alike.
+The change must be sudden: at the same teeth, against the step before it and the median of the other steps (errors of
+all teeth that wear in change every tooth a little). It must be larger than a floor, and have its energy within two
+tooth pitches, more than a change of all teeth would have by chance. A local pattern in the first windows is a crack
+from the start; a single displaced tooth would look alike.
 
 Source   twin/effects/tooth_crack.py; P. D. McFadden, Mech. Syst. Signal Process. 1 (1987) 173–183
 Holds    one cracked tooth; both encoders; windows that resolve the orders (8 turns and more)
@@ -42,6 +43,7 @@ from twin.tracing.tooth_patterns import (
     Pattern,
     ToothFinding,
     local_share,
+    near_energy,
     patterns,
     pinion_orders,
     rms_of,
@@ -77,7 +79,12 @@ class CrackThresholds:
         meaning="rms of a change that a crack makes",
         source="0.08 µm on the reference rig; " + TUNED,
     )
-    suddenness: float = deciding(3.0, of="median change", meaning="change against those of other windows", source=TUNED)
+    suddenness: float = deciding(
+        3.0,
+        of="change of the same teeth between the windows before, or median of the others",
+        meaning="what a change has within two tooth pitches of its place",
+        source=TUNED + ", by changes of the whole turn",
+    )
     least_quiet: float = deciding(
         0.0167,
         of="pinion graduation error",
@@ -243,14 +250,16 @@ def local_change(
     steps = np.array([rms_of(b - a) for a, b in pairwise(X)])
     least = limits.least_quiet * scales.graduation[0]
     noise = max(float(np.median(steps)) * np.sqrt(2 / m.size), least)
+    local = np.sqrt(near_energy(np.diff(X, axis=0), m, z))
     candidates = []
     for at in range(1, len(seen)):
         change = X[at : at + NEAR].mean(axis=0) - X[max(at - NEAR, 0) : at].mean(axis=0)  # before wear adds its own
-        quiet = float(np.median(np.delete(steps, at - 1))) if steps.size > 1 else 0.0
-        sudden = steps[at - 1] > limits.suddenness * max(quiet, least)
+        there = local[:, np.argmax(local[at - 1])]
+        quiet = max(np.median(np.delete(there, at - 1)), there[at - 2] if at > 1 else 0.0) if steps.size > 1 else 0.0
+        sudden = there[at - 1] > limits.suddenness * max(quiet, least)
         large = rms_of(change) > limits.least_change * scales.deflection
         if sudden and large and _is_local(X[at] - X[at - 1], m, z):
-            candidates.append((steps[at - 1], at, change))
+            candidates.append((there[at - 1], at, change))
     latest = max(candidates, key=lambda c: c[0]) if candidates else None
     first = PATTERNS.first_windows
     start = X[: first if latest is None else min(latest[1], first)].mean(axis=0)
