@@ -57,10 +57,11 @@ class OffLineThresholds:
         5, meaning="healthy recordings from which a deviation is judged", source="SufficiencyLimits.least_recordings",
     )  # fmt: skip
     of_mains: float = deciding(
-        0.004, of="mains frequency", meaning="distance from 50 or 60 Hz and their multiples up to which a tone is hum, "
-        "beside the resolution of its spectrum",
+        0.004,
+        of="mains frequency",
+        meaning="distance of a tone from 50 or 60 Hz, or a multiple, up to which it is the mains",
         source="grids of Europe and America stay within 0.2 Hz in ordinary operation",
-    )  # fmt: skip
+    )
     noise_left: float = deciding(
         0.25, of="squared deviations of the noise floors", meaning="share that white noise of one power may leave",
         source="convention: half of the deviation explained",
