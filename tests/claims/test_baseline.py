@@ -238,23 +238,20 @@ def of_a(reading):
     return replace(reading, channels={"a": reading.channels["a"]})
 
 
+def path_of(orders, gain, change):
+    """A path whose response has changed by a factor at each order."""
+    level = np.abs(gain)
+    by = {"common": 0.0, "common_power": 0.0, "usual": 0.1, "over_usual": 2.0}
+    return Path(channel="a", orders=orders, gain=gain, level=level, change=change, **by)
+
+
 @pytest.mark.slow
 def test_two_resonances_that_cancel_are_no_resonance_that_moved():
     f = np.arange(4.0, 200.0, 8.0)
     rng = np.random.default_rng(2)
     gain = 1.39 * np.exp(0.05 * (rng.normal(size=f.size) + 1j * rng.normal(size=f.size)))
     named = name_of_path(
-        Path(
-            channel="a",
-            orders=f,
-            gain=gain,
-            level=np.abs(gain),
-            common=0.0,
-            common_power=0.0,
-            change=0.3,
-            usual=0.1,
-            over_usual=2.0,
-        ),
+        path_of(f, gain, change=0.3),
         30.0,
     )
     assert named.name == "sensor_gain" and named.parameters["gain"][0] == pytest.approx(1.39, rel=0.05)
@@ -265,17 +262,7 @@ def test_resonance_that_has_moved_is_told_with_both_places():
     now, before = (EFFECTS["sensor_resonance"](frequency=a, damping_ratio=b) for a, b in ((1200.0, 0.3), (2700.0, 0.1)))
     gain = now.response(30 * f) / before.response(30 * f)
     named = name_of_path(
-        Path(
-            channel="a",
-            orders=f,
-            gain=gain,
-            level=np.abs(gain),
-            common=0.0,
-            common_power=0.0,
-            change=1.0,
-            usual=0.1,
-            over_usual=2.0,
-        ),
+        path_of(f, gain, change=1.0),
         30.0,
     )
     assert named.name == "sensor_resonance" and named.left < 0.01

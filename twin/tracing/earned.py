@@ -198,6 +198,7 @@ def _errors(rig: Rig, tracing: Tracing, item: AttributedEffect) -> EffectErrors:
 def _errors_on(
     rig: Rig, tracing: Tracing, item: AttributedEffect, windows: Sequence[WindowInput], held: Collection[int]
 ) -> EffectErrors:
+    """The same on these windows; `held` are the indices from which the twin in use takes no factors."""
     by_numbers = _by_numbers(item, windows)
     facts = item.addition.effect.facts
     if facts.claims != "lines":
