@@ -8,7 +8,7 @@ from twin.dynamics.structure import Structure, direction
 from twin.model import mesh_of
 from twin.rig import Rig
 from twin.structure_spread import times
-from twin.tracing.healthy_lines import HealthyLines, LearnedFactors, largest_healthy
+from twin.tracing.healthy_lines import HealthyLines, LearnedFactors, largest_healthy, parts
 from twin.updating.line_scatter import deviating_machines, deviations
 
 RIG = Rig.from_mapping(UNSW_RIG)
@@ -75,6 +75,15 @@ def test_scatter_grows_with_the_depth_worn_since_the_factors_were_learned_and_no
     deep = LearnedFactors(path=lines, mesh=lines, depths=(100e-6,))
     near, far = (variance("transmission_error", np.ones(5), deep, depth)[2] for depth in (101e-6, 150e-6))
     assert near == pytest.approx(variance("transmission_error", np.ones(5), deep, 99e-6)[2]) and far > 2 * near
+
+
+def test_line_that_wear_has_cancelled_is_no_surer_than_the_parts_that_cancel():
+    """Unworn teeth and wear make 1 and −0.98 m/s²; each is off by its own share, whatever is left of the sum."""
+    unworn, left = np.ones(5, dtype=complex), np.full(5, 0.02 + 0j)
+    rng, fixed = np.random.default_rng(2), variance("acceleration", np.zeros(5))
+    off = rng.normal(size=(2, 20_000)) + 1j * rng.normal(size=(2, 20_000))
+    seen = np.mean(np.abs(off[0] - 0.98 * off[1]) ** 2) / 2 * (variance("acceleration", np.ones(5)) - fixed)
+    assert variance("acceleration", parts(left, unworn)) - fixed == pytest.approx(seen, rel=0.05)
 
 
 def taught(factor):

@@ -191,7 +191,7 @@ def test_a_shaft_that_shifts_steps_the_mean_transmission_error(size):
     step = mean_step(shifted(step=size))
     assert step is not None and step.size == pytest.approx(size, abs=1e-6)
     said = unknown.detect(shifted(step=size)).non_gear
-    assert "has shifted in a bearing or its seat" in said.small and not said.unknown
+    assert "has shifted in a bearing or its seat" in said.sentence() and said.unknown and not said.small
 
 
 def test_a_mean_that_stays_that_settles_or_that_loses_an_edge_has_not_stepped():
@@ -205,7 +205,7 @@ def test_a_mean_that_stays_that_settles_or_that_loses_an_edge_has_not_stepped():
 
 def test_nothing_is_said_of_a_healthy_machine():
     content = unknown.detect(healthy()).non_gear
-    assert content.small == "" and content.shaft == "" and content.forces == ()
+    assert content.small == "" and content.unnamed == "" and content.forces == ()
 
 
 def test_what_is_small_is_said_and_leaves_the_verdict():
@@ -237,7 +237,7 @@ def test_a_force_on_the_shaft_is_said_with_its_orders_its_place_and_what_is_know
         pushed.append(replace(w, given=given))
     content = unknown.detect(replace(context, windows=tuple(pushed))).non_gear
     assert {order for order, _ in content.forces} >= {2.0, 3.0}
-    said = content.small or content.shaft
+    said = content.small or content.unnamed
     assert "of the pinion's shaft" in said and "loose" in said and "in the acceleration's own channel" in said
 
 

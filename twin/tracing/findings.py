@@ -74,12 +74,12 @@ class NonGearContent:
     described: str = ""  # all of it in sentences, where it has been followed over the windows
     # lines that a force makes at orders of the pinion: order, amplitude [m/s²]; None where the accelerometer shows none
     forces: tuple[tuple[float, float | None], ...] = ()
-    shaft: str = ""  # the same in a sentence, where they are not small
+    unnamed: str = ""  # these, a light rub, a step of the mean: what has no name and is not small, in sentences
     small: str = ""  # what stands clear, has no name and is small, in sentences
 
     @property
     def unknown(self) -> bool:
-        several = (self.tones, self.orders, self.impacts, self.locked, self.modulated_by, self.described, self.shaft)
+        several = (self.tones, self.orders, self.impacts, self.locked, self.modulated_by, self.described, self.unnamed)
         return any(bool(part) for part in several)
 
     @property
@@ -90,8 +90,8 @@ class NonGearContent:
     def sentence(self) -> str:
         """What is unknown, in words."""
         if self.described:
-            return "; ".join(part for part in (self.described, self.shaft) if part)
-        parts = [self.shaft] if self.shaft else []
+            return "; ".join(part for part in (self.described, self.unnamed) if part)
+        parts = [self.unnamed] if self.unnamed else []
         if self.locked:
             parts.append(f"impacts at order {self.locked:.3f} of the pinion, locked in phase to its angle: {OF_TEETH}")
         if self.tones:

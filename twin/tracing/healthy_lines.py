@@ -1,9 +1,10 @@
 """How far the lines of a healthy machine lie from what its twin predicts: the variance of every line of a window.
 
-    v = 2·σ² + (κ_k² + s²)·|m|² + (P·e·u)² + δ² + c²
+    v = 2·σ² + (κ_k² + s²)·(|m₀|² + |m − m₀|²) + (P·e·u)² + δ² + c²
 
 σ    noise of the real and of the imaginary part
-m    predicted line, with the factors that the twin has learned of path and mesh
+m    predicted line, m₀ that of unworn flanks, with the factors that the twin has learned of path and mesh: where wear
+     nearly cancels a line, it is as uncertain as both its parts
 κ_k  departure from window to window of the k-th mesh harmonic, which grows with the depth worn since the windows that
      taught the factors (scatter.py)
 s    what the structure may be off at the line's frequency by the rig file's tolerances, as far as the twin has not
@@ -141,7 +142,7 @@ class HealthyLines:
         channel: str,
         orders: np.ndarray,
         speed_hz: float,
-        predicted: np.ndarray,
+        parts: np.ndarray,
         std: np.ndarray,
         depth: float,
         learned: LearnedFactors,
@@ -150,7 +151,7 @@ class HealthyLines:
         """v of a channel's lines in one window (n,), in the square of the channel's unit.
 
         orders     of pinion rotation (n,)
-        predicted  m (n,)
+        parts      √(|m₀|² + |m − m₀|²) (n,)
         std        σ (n,)
         depth      of wear [m]
         window     index, which decides how much of the learned factors is still known
@@ -161,7 +162,7 @@ class HealthyLines:
         relative = np.hypot(self._between_windows(channel, orders, apart), structure)
         disc = self._disc(orders) if channel in ENCODERS else 0.0
         mesh = self._of_mesh(orders)
-        v = 2 * std**2 + (relative * np.abs(predicted)) ** 2 + disc**2 + self._floor(channel, mesh) ** 2
+        v = 2 * std**2 + (relative * parts) ** 2 + disc**2 + self._floor(channel, mesh) ** 2
         form = np.where(mesh, np.hypot(self.sizes.each, self.sizes.common), 0.0)
         if channel not in ENCODERS:
             form = form * np.abs(self.machines.transfer(channel, frequency))
@@ -218,6 +219,11 @@ class HealthyLines:
             disc = np.where(whole & (turn < lowest), np.hypot(disc, graduation / np.sqrt(max(lowest - 2, 1))), disc)
             disc = np.where(whole & (turn == 1), np.hypot(disc, self.scales.once_per_turn[gear]), disc)
         return disc
+
+
+def parts(predicted: np.ndarray, unworn: np.ndarray) -> np.ndarray:
+    """√(|m₀|² + |m − m₀|²) of lines predicted, m, and of unworn flanks, m₀; complex (n,) each, in one unit."""
+    return np.hypot(np.abs(unworn), np.abs(predicted - unworn))
 
 
 def largest_healthy(variances: Sequence[np.ndarray], limits: HealthyLimits = LIMITS) -> float:

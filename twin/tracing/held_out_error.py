@@ -25,7 +25,7 @@ from twin.errors import NotAvailable, NotConverged
 from twin.features.window_features import MeasuredLines
 from twin.model import Condition, Model
 from twin.rig import Rig
-from twin.tracing.healthy_lines import LIMITS, HealthyLines, LearnedFactors, largest_healthy
+from twin.tracing.healthy_lines import LIMITS, HealthyLines, LearnedFactors, largest_healthy, parts
 from twin.updating.conditions import condition_of
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
@@ -119,6 +119,7 @@ def compare(
         raise NotConverged(f"no steady state at {condition.speed_hz:g} Hz with {len(effects)} effects")
     per_turn = memory.phase / rig.teeth[0]
     alone = _of_mesh(model, effects, profile.slices, condition, response)
+    unworn = RESPONSES.get(model, (), model.unworn, condition)
     healthy = HealthyLines.of(rig)
     top = min(rig.band[1], np.inf if features.band is None else features.band[1])
     channels = {}
@@ -127,11 +128,12 @@ def compare(
         if lines is None or (name in ENCODERS and (lines.unit != "m" or any(e in channels for e in ENCODERS))):
             continue
         orders, y, std, m = _lines(lines, response, alone, name, per_turn)
+        new = _lines(lines, unworn, None, name, per_turn)[3] if unworn.converged else np.zeros_like(m)
         ρ, t = learned.at(np.maximum(orders * condition.speed_hz, 1.0), window.index)
-        m = m * ({"acceleration": ρ * t, "torque": 1.0}.get(name, t))
+        factor = {"acceleration": ρ * t, "torque": 1.0}.get(name, t)
         inside = orders * condition.speed_hz <= (top if name == "acceleration" else np.inf)
-        orders, y, std, m = orders[inside], y[inside], std[inside], m[inside]
-        v = healthy.variance(name, orders, condition.speed_hz, m, std, depth, learned, window.index)
+        orders, y, std, m, new = (x[inside] for x in (orders, y, std, m * factor, new * factor))
+        v = healthy.variance(name, orders, condition.speed_hz, parts(m, new), std, depth, learned, window.index)
         channels[name] = ChannelComparison(orders=orders, measured=y, predicted=m, std=std, variance=v)
     heard = channels["acceleration"]
     in_band = heard.orders * condition.speed_hz >= rig.band[0]

@@ -157,7 +157,7 @@ def of_noise(kind: str, level: float, detail: str, onset: float, struck: str | N
     return f"{what}{detail}; {level:.3g} m/s² RMS between the lines; {_since(onset)}"
 
 
-def of_small_noise(shaft: str, depth: float, onset: float) -> str:
+def of_light_noise(shaft: str, depth: float, onset: float) -> str:
     """Noise that a shaft's turn modulates, less deeply than a rub that is an effect, in a sentence."""
     return (
         f"the noise between the lines rises and falls by {100 * depth:.0f} % with every turn of the {shaft}, as where "

@@ -3,8 +3,8 @@
 Lines of a force at orders of the pinion (twin/tracing/shaft_remainder.py), with the place where they enter; noise that
 every turn of a shaft modulates, less deeply than a rub that is reported as an effect; and, where no effect is found, a
 step of the mean transmission error (twin/tracing/mean_step.py) and a path from the mesh to the accelerometer that is
-not the rig file's. None of it has a name of its own and none raises an alarm while it is small: it is said in words,
-with its orders among the lines that are left.
+not the rig file's. None of it has a name of its own. A machine with any of it is not explained, but for lines that are
+small and a path that predicts: these are said in words, with their orders among the lines that are left.
 
     share = ½·Σ A²/RMS²          energy of the lines over that of the vibration
 
@@ -29,7 +29,7 @@ from twin.tracing.mean_step import mean_step
 from twin.tracing.shaft_remainder import ShaftLine, disc_error, shaft_lines
 from twin.tracing.unknown_entry import entry_of
 from twin.tracing.unknown_lines import FollowedLine, SeenWindow
-from twin.tracing.unknown_words import OTHER_PATH, of_mean_step, of_shaft, of_small_noise
+from twin.tracing.unknown_words import OTHER_PATH, of_light_noise, of_mean_step, of_shaft
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,8 @@ def with_unnamed(
     windows  the measurement windows that show what lies beside the gears
     """
     content = findings.non_gear
-    small = []
+    clear: list[str] = []
+    small: list[str] = []
     lines = () if model is None else _forces(findings, context, windows, model)
     if lines and model is not None:
         followed = _followed(lines, windows, context)
@@ -86,19 +87,16 @@ def with_unnamed(
         heard = tuple((float(line.order), line.level) for line in lines if line.channel == "acceleration")
         unheard = {line.order for line in lines} - {round(order) for order, _ in heard}
         content = replace(content, forces=(*heard, *((float(p), None) for p in sorted(unheard))))
-        if is_small:
-            small.append(sentence)
-        else:
-            content = replace(content, shaft=sentence)
+        (small if is_small else clear).append(sentence)
     noise = None if content.modulated_by or content.impacts else _modulated(findings, context, limits)
     if noise is not None:
-        small.append(of_small_noise(*noise))
+        clear.append(of_light_noise(*noise))
     step = None if findings.effects or findings.teeth_separate else mean_step(context)
     if step is not None:
-        small.append(of_mean_step(step))
+        clear.append(of_mean_step(step))
     if findings.other_structure and not findings.effects and not lines:
         small.append(OTHER_PATH)
-    return replace(findings, non_gear=replace(content, small="; ".join(small)))
+    return replace(findings, non_gear=replace(content, unnamed="; ".join(clear), small="; ".join(small)))
 
 
 def _features(context: TracingContext, window: SeenWindow) -> WindowFeatures | None:
