@@ -17,8 +17,9 @@ from twin.tracing.detectors import unknown
 from twin.tracing.detectors.non_gear import find_non_gear_content
 from twin.tracing.mean_step import mean_step
 from twin.tracing.shaft_remainder import ORDERS_READ, ShaftLine, one_order_only, orders_of_force, shaft_lines
-from twin.tracing.state import Tracing
+from twin.tracing.state import TraceSummary, Tracing
 from twin.tracing.unexplained import with_unknown_content
+from twin.tracing.unknown_words import OTHER_PATH
 
 TEETH, SPEED, TOP, FLOOR = (19, 52), 10.0, 2000.0, 2e-3
 SCALES = Scales.of(RIG)
@@ -191,7 +192,7 @@ def test_a_shaft_that_shifts_steps_the_mean_transmission_error(size):
     step = mean_step(shifted(step=size))
     assert step is not None and step.size == pytest.approx(size, abs=1e-6)
     said = unknown.detect(shifted(step=size)).non_gear
-    assert "has shifted in a bearing or its seat" in said.sentence() and said.unknown and not said.small
+    assert "has shifted in a bearing or its seat" in said.sentence() and said.unknown
 
 
 def test_a_mean_that_stays_that_settles_or_that_loses_an_edge_has_not_stepped():
@@ -205,23 +206,16 @@ def test_a_mean_that_stays_that_settles_or_that_loses_an_edge_has_not_stepped():
 
 def test_nothing_is_said_of_a_healthy_machine():
     content = unknown.detect(healthy()).non_gear
-    assert content.small == "" and content.unnamed == "" and content.forces == ()
+    assert content.unnamed == "" and content.forces == ()
 
 
-def test_what_is_small_is_said_and_leaves_the_verdict():
+def test_another_path_is_said_and_leaves_the_verdict_and_what_has_no_name_does_not():
     own = SpectralLine(order=3.0, frequency=30.0, share=1e-4, kind="force that turns with the pinion")
-    tracing = Tracing(small="small lines at order 3", unattributed=(own,))
+    tracing = Tracing(latest=TraceSummary(other_structure=True), unattributed=(own,))
     said = with_unknown_content(tracing, Unexplained(verdict="explained", share=0.0))
-    assert said.verdict == "explained" and said.lines == (own,) and "order 3" in said.reason
-    left = with_unknown_content(replace(tracing, unknown="a tone of 50 Hz"), Unexplained(verdict="explained"))
-    assert left.verdict == "unknown_effect" and "50 Hz" in left.reason and "order 3" in left.reason
-
-
-def test_a_memory_without_what_is_small_is_read():
-    data = Tracing(small="x").to_dict()
-    assert Tracing.from_dict(data).small == "x"
-    del data["small"]
-    assert Tracing.from_dict(data).small == ""
+    assert said.verdict == "explained" and said.lines == (own,) and said.reason == OTHER_PATH
+    left = with_unknown_content(replace(tracing, unknown="lines at order 3"), Unexplained(verdict="explained"))
+    assert left.verdict == "unknown_effect" and "order 3" in left.reason
 
 
 def test_a_force_on_the_shaft_is_said_with_its_orders_its_place_and_what_is_known_to_make_it():
@@ -237,7 +231,7 @@ def test_a_force_on_the_shaft_is_said_with_its_orders_its_place_and_what_is_know
         pushed.append(replace(w, given=given))
     content = unknown.detect(replace(context, windows=tuple(pushed))).non_gear
     assert {order for order, _ in content.forces} >= {2.0, 3.0}
-    said = content.small or content.unnamed
+    said = content.unnamed
     assert "of the pinion's shaft" in said and "loose" in said and "in the acceleration's own channel" in said
 
 

@@ -102,7 +102,7 @@ def _other_path(tracing: Tracing) -> Tracing:
     unconfirmed = (excess(tracing.error, "waveform") or 0.0) > 1.0
     if not (tracing.latest.other_structure and unconfirmed) or tracing.unknown:
         return tracing
-    return replace(tracing, unknown=OTHER_PATH, small=tracing.small.replace(OTHER_PATH, "").strip("; "))
+    return replace(tracing, unknown=OTHER_PATH)
 
 
 def _fills(found: AttributedEffect) -> bool:

@@ -74,8 +74,7 @@ class NonGearContent:
     described: str = ""  # all of it in sentences, where it has been followed over the windows
     # lines that a force makes at orders of the pinion: order, amplitude [m/s²]; None where the accelerometer shows none
     forces: tuple[tuple[float, float | None], ...] = ()
-    unnamed: str = ""  # these, a light rub, a step of the mean: what has no name and is not small, in sentences
-    small: str = ""  # what stands clear, has no name and is small, in sentences
+    unnamed: str = ""  # these, a light rub, a step of the mean: what stands clear and has no name, in sentences
 
     @property
     def unknown(self) -> bool:

@@ -157,7 +157,6 @@ def _summarised(tracing: Tracing, traced: Traced) -> Tracing:
         tracing,
         unattributed=unattributed_lines(tracing, traced.non_gear),
         unknown=traced.non_gear.sentence(),
-        small=traced.non_gear.small,
         latest=TraceSummary(
             candidates=tuple((name, float(gain)) for name, gain in traced.table) or tracing.latest.candidates,
             other_structure=bool(traced.other_structure),

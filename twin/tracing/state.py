@@ -131,7 +131,6 @@ class Tracing:
     residual: HeldOutResidual | None = None  # of one held-out window
     unattributed: tuple[SpectralLine, ...] = ()  # lines that no gear makes
     unknown: str = ""  # what has no name, in words
-    small: str = ""  # what stands clear, has no name and is small, in words
     struck: str = ""  # shaft whose turn impacts of no name repeat with: "pinion" or "gear"
     latest: TraceSummary = field(default_factory=TraceSummary)
     log: tuple[EffectEvent, ...] = ()
@@ -207,7 +206,6 @@ _TYPED: dict[str, Any] = {
     "residual": HeldOutResidual | None,
     "unattributed": tuple[SpectralLine, ...],
     "unknown": str,
-    "small": str,
     "struck": str,
     "latest": TraceSummary,
     "log": tuple[EffectEvent, ...],

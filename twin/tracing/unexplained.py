@@ -22,6 +22,7 @@ from twin.assessment import HealthyErrors, HeldOutErrors, SpectralLine, Unexplai
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.state import Tracing
+from twin.tracing.unknown_words import OTHER_PATH
 from twin.updating.calibration import outliers
 from twin.updating.residual import STRONGEST, WindowResidual
 from twin.updating.update import UpdateOutcome
@@ -165,24 +166,21 @@ def does_not_fit(errors: HeldOutErrors | None, limits: VerdictLimits = VERDICT_L
 
 
 def with_unknown_content(tracing: Tracing, plain: Unexplained) -> Unexplained:
-    """`plain`, with the content of the vibration that no effect of the table makes."""
-    if not tracing.unknown:
-        return _with_small(tracing, plain)
+    """`plain`, with the content of the vibration that no effect of the table makes; another path is said."""
     own = tracing.unattributed
+    if not tracing.unknown:
+        other = OTHER_PATH if tracing.latest.other_structure and not tracing.found else ""
+        return replace(
+            plain, lines=_lines(own, plain), reason="; ".join(part for part in (plain.reason, other) if part)
+        )
     share = sum(line.share or 0.0 for line in own)
     return replace(
         plain,
         verdict="unknown_effect",
         share=max(share, plain.share or 0.0),
         lines=_lines(own, plain),
-        reason="; ".join(part for part in (tracing.unknown, tracing.small, plain.reason) if part),
+        reason="; ".join(part for part in (tracing.unknown, plain.reason) if part),
     )
-
-
-def _with_small(tracing: Tracing, plain: Unexplained) -> Unexplained:
-    """`plain`, with what has no name and is small: it is said, and the verdict stays."""
-    reason = "; ".join(part for part in (plain.reason, tracing.small) if part)
-    return replace(plain, lines=_lines(tracing.unattributed, plain), reason=reason)
 
 
 def _lines(own: Sequence[SpectralLine], plain: Unexplained) -> tuple[SpectralLine, ...]:

@@ -174,7 +174,7 @@ def of_mean_step(step: MeanStep) -> str:
     )
 
 
-def of_shaft(lines: Sequence[ShaftLine], entry: Entry, first: FollowedLine, onset: float, small: bool) -> str:
+def of_shaft(lines: Sequence[ShaftLine], entry: Entry, first: FollowedLine, onset: float) -> str:
     """Lines of a force at orders of the pinion in a sentence, with what is known to make them."""
     orders = sorted({line.order for line in lines})
     listed = f"order {orders[0]}" if len(orders) == 1 else f"orders {', '.join(map(str, orders[:-1]))} and {orders[-1]}"
@@ -185,7 +185,7 @@ def of_shaft(lines: Sequence[ShaftLine], entry: Entry, first: FollowedLine, onse
             top = max(own, key=lambda line: line.level)
             sizes.append(f"{top.level:.2g} {unit} at order {top.order} in the {channel}")
     return (
-        f"{'small ' if small else ''}lines at {listed} of the pinion's shaft that no displacement of the teeth makes: "
+        f"lines at {listed} of the pinion's shaft that no displacement of the teeth makes: "
         f"a force that turns with the shaft{known_makers({line.channel for line in lines}, len(orders))}, with "
         f"{' and '.join(sizes)}; {_where(entry, first)}; {_since(onset)}"
     )

@@ -1,14 +1,10 @@
-"""What stands clear of its neighbourhood though no effect names it, however small it is.
+"""What stands clear of its neighbourhood though no effect names it, however small: no machine with it is explained.
 
 Lines of a force at orders of the pinion (twin/tracing/shaft_remainder.py), with the place where they enter; noise that
 every turn of a shaft modulates, less deeply than a rub that is reported as an effect; and, where no effect is found, a
-step of the mean transmission error (twin/tracing/mean_step.py) and a path from the mesh to the accelerometer that is
-not the rig file's. None of it has a name of its own. A machine with any of it is not explained, but for lines that are
-small and a path that predicts: these are said in words, with their orders among the lines that are left.
+step of the mean transmission error (twin/tracing/mean_step.py).
 
-    share = ½·Σ A²/RMS²          energy of the lines over that of the vibration
-
-Holds    lines, noise and path as their own files say; a force on the shaft needs both encoders
+Holds    lines and noise as their own files say; a force on the shaft needs both encoders
 """
 
 from __future__ import annotations
@@ -29,25 +25,13 @@ from twin.tracing.mean_step import mean_step
 from twin.tracing.shaft_remainder import ShaftLine, disc_error, shaft_lines
 from twin.tracing.unknown_entry import entry_of
 from twin.tracing.unknown_lines import FollowedLine, SeenWindow
-from twin.tracing.unknown_words import OTHER_PATH, of_light_noise, of_mean_step, of_shaft
+from twin.tracing.unknown_words import of_light_noise, of_mean_step, of_shaft
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnnamedThresholds:
-    """What is said though it is small, and what is no longer small."""
+    """When noise that a shaft modulates stands clear."""
 
-    least_share: float = deciding(
-        0.01,
-        of="energy of the vibration",
-        meaning="share of the lines of a force on the shaft from which the machine is not explained",
-        source="not derived: chosen; a tenth of the level",
-    )
-    least_swing: float = deciding(
-        0.02,
-        of="mean torque",
-        meaning="amplitude of its torque lines together from which the machine is not explained",
-        source="not derived: chosen; the smallest torque ripples that are named reach 0.01",
-    )
     noise_depth: float = deciding(
         0.4,
         meaning="mean depth, over the windows since it began, to which a shaft's turn modulates the noise",
@@ -69,34 +53,28 @@ def with_unnamed(
     model: Model | None,
     limits: UnnamedThresholds = THRESHOLDS,
 ) -> Findings:
-    """The findings with what no effect names, small or not.
+    """The findings with what no effect names.
 
     windows  the measurement windows that show what lies beside the gears
     """
     content = findings.non_gear
     clear: list[str] = []
-    small: list[str] = []
     lines = () if model is None else _forces(findings, context, windows, model)
     if lines and model is not None:
         followed = _followed(lines, windows, context)
         entry = entry_of(model, followed, windows, context.scales)
         onset = _onset(min(line.since for line in lines), windows)
-        features = [f for w in windows if (f := _features(context, w)) is not None]
-        is_small = _is_small(lines, features, limits)
-        sentence = of_shaft(lines, entry, followed[0], onset, is_small)
+        clear.append(of_shaft(lines, entry, followed[0], onset))
         heard = tuple((float(line.order), line.level) for line in lines if line.channel == "acceleration")
         unheard = {line.order for line in lines} - {round(order) for order, _ in heard}
         content = replace(content, forces=(*heard, *((float(p), None) for p in sorted(unheard))))
-        (small if is_small else clear).append(sentence)
     noise = None if content.modulated_by or content.impacts else _modulated(findings, context, limits)
     if noise is not None:
         clear.append(of_light_noise(*noise))
     step = None if findings.effects or findings.teeth_separate else mean_step(context)
     if step is not None:
         clear.append(of_mean_step(step))
-    if findings.other_structure and not findings.effects and not lines:
-        small.append(OTHER_PATH)
-    return replace(findings, non_gear=replace(content, unnamed="; ".join(clear), small="; ".join(small)))
+    return replace(findings, non_gear=replace(content, unnamed="; ".join(clear)))
 
 
 def _features(context: TracingContext, window: SeenWindow) -> WindowFeatures | None:
@@ -142,15 +120,6 @@ def _reading(features: WindowFeatures | None, p: int, scales: Scales) -> LineRea
             found[name] = (y.real, y.imag, float(np.hypot(lines.std_at(0, p, 0), own)))
     f = p * features.speed_hz
     return LineReading(order=float(p), frequency=f, std=1e-3, follows_angle=0.0, channels=found)
-
-
-def _is_small(lines: Sequence[ShaftLine], features: Sequence[WindowFeatures], limits: UnnamedThresholds) -> bool:
-    """Whether lines of a force are neither a share of the vibration nor of the torque."""
-    latest = features[-1]
-    energy = 0.5 * sum(line.level**2 for line in lines if line.channel == "acceleration")
-    swing = float(np.sqrt(sum(line.level**2 for line in lines if line.channel == "torque")))
-    heard = latest.rms is not None and energy >= limits.least_share * latest.rms**2
-    return not heard and swing < limits.least_swing * abs(latest.torque_nm or np.inf)
 
 
 def _onset(first: int, windows: Sequence[SeenWindow]) -> float:
