@@ -314,6 +314,15 @@ def test_what_another_channel_shows_too_is_not_the_discs(name, turned):
     assert verdict.kind == "earned" and verdict.rivals == ()
 
 
+@pytest.mark.parametrize("name", ["torque", "acceleration"])
+@pytest.mark.parametrize("times", [8, 60])
+def test_another_channel_that_shows_many_times_what_the_effect_makes_of_it_shows_something_else(name, times):
+    """An off-centre disc: sidebands of the housing agreed with an eccentricity by 62 ± 20 times what it makes."""
+    seen = seen_by_the_encoder(**{name: 2 * times * MADE})
+    quiet = replace(seen, changes=tuple(replace(c, claimed=c.claimed and c.channel != name) for c in seen.changes))
+    assert judged(effect("gear_eccentricity", 3e-5, 1e-6), quiet).rivals == (DISC,)
+
+
 def test_a_disc_is_no_rival_of_what_turns_with_no_shaft_or_begins_later():
     seen = seen_by_the_encoder()
     assert judged(effect("misalignment", 2e-5, 1e-6), seen).rivals == ()

@@ -94,7 +94,8 @@ class EarnedLimits:
     least_shown: float = deciding(
         0.5,
         of="what the effect would make of a channel's lines",
-        meaning="share that a channel must be able to show, by two standard deviations, for its error to be excused",
+        meaning="share that a channel must be able to show, by two standard deviations, for its error to be excused; "
+        "what shows more than its inverse shows something else",
         source="derivation: the path to a sensor that lies within its tolerances is off by less than half",
     )
     chance_shown: float = deciding(
@@ -347,11 +348,17 @@ def _rivals(item: AttributedEffect, changes: Sequence[ChannelChange], limits: Ea
     """The encoder's disc, where what turns with a shaft from the start is shown by no channel but the encoders'."""
     if item.addition.effect.period == "mesh" or item.addition.onset_revolutions > 0:
         return ()
-    clear = np.sqrt(-2 * np.log(limits.chance_shown))
     others = [c for c in changes if c.channel not in ENCODERS]
     by_encoder = any(c.claimed and c.fall > c.std for c in changes if c.channel in ENCODERS)
-    confirmed = any(c.shown[0] > clear * c.shown[1] or (c.claimed and c.fall > c.std) for c in others)
+    confirmed = any(_as_large(c, limits) or (c.claimed and c.fall > c.std) for c in others)
     return (DISC,) if by_encoder and not confirmed else ()
+
+
+def _as_large(change: ChannelChange, limits: EarnedLimits) -> bool:
+    """Whether a channel clearly shows what the effect makes there, and no more of it than a path may add."""
+    share, std = change.shown
+    clear = np.sqrt(-2 * np.log(limits.chance_shown))
+    return bool(share > clear * std and share - 2 * std < 1 / limits.least_shown)
 
 
 def _ratio(change: ChannelChange) -> float:
