@@ -8,8 +8,9 @@ from twin.dynamics.structure import Structure, direction
 from twin.model import mesh_of
 from twin.rig import Rig
 from twin.structure_spread import times
-from twin.tracing.healthy_lines import HealthyLines, LearnedFactors, largest_healthy, parts
+from twin.tracing.healthy_lines import HealthyLines, LearnedFactors, largest_healthy
 from twin.updating.line_scatter import deviating_machines, deviations
+from twin.updating.prediction import parts
 
 RIG = Rig.from_mapping(UNSW_RIG)
 HEALTHY = HealthyLines.of(RIG)

@@ -221,11 +221,6 @@ class HealthyLines:
         return disc
 
 
-def parts(predicted: np.ndarray, unworn: np.ndarray) -> np.ndarray:
-    """√(|m₀|² + |m − m₀|²) of lines predicted, m, and of unworn flanks, m₀; complex (n,) each, in one unit."""
-    return np.hypot(np.abs(unworn), np.abs(predicted - unworn))
-
-
 def largest_healthy(variances: Sequence[np.ndarray], limits: HealthyLimits = LIMITS) -> float:
     """The energy that the lines of several windows leave of a healthy machine at most: Σ|y − m|².
 

@@ -25,11 +25,12 @@ from twin.errors import NotAvailable, NotConverged
 from twin.features.window_features import MeasuredLines
 from twin.model import Condition, Model
 from twin.rig import Rig
-from twin.tracing.healthy_lines import LIMITS, HealthyLines, LearnedFactors, largest_healthy, parts
+from twin.tracing.healthy_lines import LIMITS, HealthyLines, LearnedFactors, largest_healthy
 from twin.updating.conditions import condition_of
 from twin.updating.history import WindowInput
 from twin.updating.memory import Memory
 from twin.updating.model_cache import healthy_model_of, profile_of
+from twin.updating.prediction import parts
 from twin.wear.profile import WornProfile
 
 HARMONICS = 5  # of the mesh, reported by band

@@ -65,10 +65,10 @@ class CalibrationFit:
     """What lines may be off by in a calibration, and when its result is doubted."""
 
     doubtful: float = deciding(
-        2.0,
+        2.9,
         of="prior spread",
         meaning="distance from the rig file beyond which a calibrated value is reported as doubtful",
-        source="not derived: two standard deviations of the prior",
+        source="derivation: of machines that vary as the prior says, one in a hundred has one of three values beyond",
     )
     widest: float = deciding(
         3.0,

@@ -13,7 +13,7 @@ from twin.thresholds import deciding
 from twin.updating.depth import DEPTH, HARMONICS, DepthEstimate, Gauge
 from twin.updating.line_scatter import line_scatter
 from twin.updating.memory import Line, MeanOffset, Memory
-from twin.updating.prediction import MESH, Expectation
+from twin.updating.prediction import MESH, Expectation, parts
 from twin.wear.curve import LINES
 
 DEPTH_HARMONICS = range(1, HARMONICS + 1)
@@ -224,6 +224,12 @@ def learn(
     )
 
 
+def _scatter(expectation: Expectation, depth: float, quantity: str) -> np.ndarray:
+    """Scatter (LINES,) of what a line teaches at a depth [m], over the line: it grows where wear nearly cancels it."""
+    unworn, worn = (getattr(expectation.curve.lines_at(d), quantity) for d in (0.0, depth))
+    return np.asarray(ENCODERS.learn_scatter * np.maximum(parts(worn, unworn) / np.abs(worn), 1.0))
+
+
 def factors(
     features: WindowFeatures, expectation: Expectation, depth: float, phase: float, index: int, teeth: int
 ) -> tuple[list[Line], list[Line]]:
@@ -237,6 +243,8 @@ def factors(
     pinion_only = features.transmission_error is None
     model = lines.pinion_motion if pinion_only else lines.transmission_error
     seen, measured = _lines_of(features), features.acceleration
+    quantity = "pinion_motion" if pinion_only else "transmission_error"
+    scatter_mesh, scatter_path = (_scatter(expectation, depth, name) for name in (quantity, "acceleration"))
     path: list[Line] = []
     mesh: list[Line] = []
     for k in range(1, LINES + 1):
@@ -247,13 +255,13 @@ def factors(
             var_seen = ENCODERS.graduation**2 + seen.std_at(k) ** 2
             x = (predicted / var + seen.at(k) / var_seen) / (1 / var + 1 / var_seen)
             var = 1 / (1 / var + 1 / var_seen)
-            scatter = float(np.hypot(np.sqrt(var) / abs(x), ENCODERS.learn_scatter))
+            scatter = float(np.hypot(np.sqrt(var) / abs(x), scatter_mesh[k - 1]))
             mesh.append((float(index), f, complex(x / predicted), scatter))
         if measured is None or measured.get(k) is None:
             continue
         y, y_std = measured.at(k), measured.std_at(k)
         if abs(y) > ENCODERS.learn_signal * y_std:
             ρ = complex((y / x) / (lines.acceleration[k - 1] / model[k - 1]))
-            noise = float(np.hypot(ENCODERS.learn_scatter, y_std / abs(y)))
+            noise = float(np.hypot(scatter_path[k - 1], y_std / abs(y)))
             path.append((float(index), f, ρ, noise * max(abs(ρ), 0.1)))
     return path, mesh

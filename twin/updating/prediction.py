@@ -146,6 +146,11 @@ class Expectation:
         return at
 
 
+def parts(predicted: np.ndarray, unworn: np.ndarray) -> np.ndarray:
+    """√(|m₀|² + |m − m₀|²) of lines predicted, m, and of unworn flanks, m₀; complex (n,) each, in one unit."""
+    return np.hypot(np.abs(unworn), np.abs(predicted - unworn))
+
+
 def band_rms(lines: np.ndarray, frequencies: np.ndarray, band: tuple[float, float], noise: float) -> float:
     """RMS [m/s²] of complex lines within a band [Hz], with a noise floor added; all (n,)."""
     inside = (frequencies >= band[0]) & (frequencies <= band[1])
