@@ -253,7 +253,8 @@ class Kind:
 
     spoil: Callable[[Spoiled], None]
     hertz: Callable[[Spoiled], float] | None = None  # the right frequency [Hz]
-    order: Callable[[Spoiled], float] | None = None
+    order: Callable[[Spoiled], float] | None = None  # of what turns
+    harmonics: tuple[int, ...] = (1,)  # of that order which are right as well
     words: str = ""  # one of which is right, apart by |
     name: str = ""  # under which the cause itself is named
 
@@ -274,7 +275,9 @@ KINDS: Mapping[str, Kind] = {
     "aliased mesh": Kind(spoil=_aliased_mesh, hertz=_aliased_at),
     "switching": Kind(spoil=_switching, hertz=lambda s: s.fixed.uniform(900, 1500)),
     "loose cable": Kind(spoil=_loose_cable, words="accelerometer|acceleration|cable|sensor"),
-    "slipping belt": Kind(spoil=_slipping_belt, order=lambda s: 0.998 * s.fixed.uniform(0.28, 0.36)),
+    "slipping belt": Kind(
+        spoil=_slipping_belt, order=lambda s: 0.998 * s.fixed.uniform(0.28, 0.36), harmonics=(1, 5, 8)
+    ),
 }
 
 
@@ -329,7 +332,7 @@ def is_right(kind: Kind, s: Spoiled, report: Mapping[str, Any]) -> bool:
         return any(abs(f / kind.hertz(s) - 1) < reach for f in numbers)
     assert kind.order is not None
     orders = [float(x) for x in re.findall(r"order (\d+\.?\d*)", reason)]
-    return any(abs(o / kind.order(s) - 1) < SAME for o in orders)
+    return any(abs(o / (n * kind.order(s)) - 1) < SAME for o in orders for n in kind.harmonics)
 
 
 def judge(path: Path, name: str, seed: int) -> Said:
