@@ -124,6 +124,29 @@ def _modulation(found: assessment.Assessment, limits: StatusLimits) -> Iterator[
         )
 
 
+def _new(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
+    """What a panel calls new though the verdict does not: lines of no shaft, and raw levels beyond their limits."""
+    if found.unexplained.verdict == "unknown_effect":
+        return  # its reason says them
+    for lines in found.unattributed_lines or ():
+        if lines.new:
+            yield Finding(
+                subject="unattributed_lines",
+                level="watch",
+                reason=f"Lines {lines.frequency:.3g} Hz beside those of the mesh are new, and belong to no shaft.",
+                action=f"Look for what turns {lines.frequency:.3g} times a second in the machine or nearby.",
+            )
+    raw = None if found.baseline is None else found.baseline.raw_limit
+    for measure in () if raw is None else raw.exceeded:
+        name, healthy = "RMS" if measure.name == "rms" else measure.name, f"{measure.low:.3g} to {measure.high:.3g}"
+        yield Finding(
+            subject=f"level/{measure.channel}",
+            level="watch",
+            reason=f"The {name} of {measure.channel} is {measure.value:.3g}, healthy {healthy}.",
+            action=UNNAMED_ACTION,
+        )
+
+
 def _level(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
     """A level far beyond what was learned, with or without a name for its cause."""
     excess = found.level_excess
@@ -142,4 +165,4 @@ def _level(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Findi
     )
 
 
-EFFECT_RULES: tuple[Rule, ...] = (_effects, _level, _modulation, _unknown)
+EFFECT_RULES: tuple[Rule, ...] = (_effects, _level, _modulation, _new, _unknown)

@@ -1,6 +1,7 @@
 """What the status says, and in which order: by what a machine is judged by, the strongest reason first."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -15,6 +16,9 @@ from twin.assessment import (
     LevelExcess,
     Modulation,
     RateChange,
+    RawLimit,
+    RawMeasure,
+    UnattributedLines,
     Unavailable,
     Unexplained,
 )
@@ -67,6 +71,40 @@ def test_new_modulation_is_watched_with_its_size_and_its_causes():
     ]
     assert status.action.startswith("Check for run-out or eccentricity of the pinion, a bent shaft")
     assert not any(word in " ".join([*status.reasons, status.action]) for word in ("twin", "wear", "mount"))
+
+
+SPACING = UnattributedLines(
+    window="w", order=0.4, order_std=0.01, frequency=4.1, frequency_std=0.1, part=1, geared=None, clearness=40.0,
+    next_clearness=10.0,
+)  # fmt: skip
+RAW = RawLimit(
+    measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),), false_alarms=0.01
+)
+EXCESS = LevelExcess(sensor="y6", value=9.0, median=1.0, limit=3.0, relative=False, windows=1, lasting=False)
+PANELS = {
+    "modulation": {"modulation": (modulation(),)},
+    "lines of no shaft": {"unattributed_lines": (SPACING,)},
+    "raw limit": {"baseline": replace(BASELINE, raw_limit=RAW)},
+    "level": {
+        "level_excess": LevelExcess(
+            sensor="y6", value=9.0, median=1.0, limit=3.0, relative=False, windows=1, lasting=False
+        )
+    },
+    "effect": {"effects": (replace(effect("misalignment"), status="suspected"),)},
+    "unknown content": {"unexplained": Unexplained(verdict="unknown_effect", reason="lines at order 3")},
+}
+
+
+@pytest.mark.parametrize("verdict", ["explained", "unknown_effect"])
+@pytest.mark.parametrize("count", range(1, len(PANELS) + 1))
+def test_no_machine_is_normal_while_any_panel_calls_something_new(count, verdict):
+    for names in combinations(PANELS, count):
+        changes = {"unexplained": Unexplained(verdict=verdict, reason="a tone"), "baseline": BASELINE}
+        for name in names:
+            changes |= PANELS[name]
+        status = status_of(replace(COMPARED, **changes))
+        assert status.level in ("watch", "alarm"), names
+        assert status.findings[0].reason in status.reasons[0] and status.action == status.findings[0].action
 
 
 @pytest.mark.parametrize("known", [modulation(new=False), modulation(healthy=None, new=None)])
