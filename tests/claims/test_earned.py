@@ -230,6 +230,21 @@ def test_bearing_that_later_windows_do_not_show_is_refused():
     assert judged_bearing(9.502, (), (), ()).kind == "refused"
 
 
+@pytest.mark.parametrize("shift", [-0.02, 0.02, 0.025])
+def test_bearing_whose_elements_slip_from_window_to_window_has_earned_its_name(shift):
+    """Multiples 5 to 10 of an order that lies 2 % beside the fitted one: none is within 1.2 % of the fitted one's."""
+    windows = [tuple(3.55 * (1 + shift) * k * (1 + 0.004 * (-1) ** k) for k in range(5, 11)) for _ in range(3)]
+    assert judged_bearing(3.55, *windows).kind == "earned"
+
+
+def test_rates_of_no_order_rarely_earn_a_bearings_name():
+    rng, earned = np.random.default_rng(6), 0
+    for _ in range(300):
+        windows = [tuple(rng.uniform(2.0, 45.0, 10)) for _ in range(4)]
+        earned += judged_bearing(3.55, *windows).kind == "earned"
+    assert earned <= 0.1 * 300
+
+
 @pytest.mark.parametrize(("level", "kind"), [(0.5, "earned"), (0.02, "earned"), (-0.3, "refused")])
 def test_lines_of_no_shaft_are_judged_by_their_level_alone(level, kind):
     """A tone of 0.5 m/s² in three windows; a negative level stands for one that the windows do not show."""

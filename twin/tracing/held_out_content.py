@@ -1,11 +1,11 @@
 """What held-out windows say of an effect that no steady state predicts line by line.
 
     envelope   rates at which the envelope of the acceleration repeats, of depth a (a bearing defect):
-               before = √(1 − c), after = √(Σ_misses a²/Σ a²)
+               before = √(1 − n·c), after = √(Σ_misses a²/Σ a²) at the best order near its own: rolling elements slip
     swing      the line by which the torque, or without its meter the transmission error, swings (teeth that separate):
                before = 1, after = |A − Â|/A
 
-c     share of the range that lies near a multiple of the order by chance
+c     share of the range that lies near a multiple of one order by chance, and n how many orders can be told apart there
 A, Â  amplitude in the window, and its median over the windows that were fitted
 
 A window without such rates, or without the line, speaks neither for the effect nor against it: both errors are one.
@@ -50,12 +50,18 @@ def _of_envelope(seen: NonGearFeatures, order: float) -> tuple[float, float]:
     rates = np.array([(rate, depth) for rate, depth in seen.rates if rate > lowest]).reshape(-1, 2)
     if not rates.size:
         return 1.0, 1.0
-    multiples = order * np.arange(1, max(float(rates[:, 0].max()), highest) / order + 1)
-    chance = min(2 * RATES.same_rate * float(multiples.sum()) / float(multiples[-1]), 1.0)
+    top = max(float(rates[:, 0].max()), highest)
+    multiples = order * np.arange(1, top / order + 1)
+    covered = 2 * RATES.same_rate * float(multiples.sum()) / float(multiples[-1])
+    chance = min(covered * RATES.same_order / RATES.same_rate, 1.0)
     k = np.maximum(np.rint(rates[:, 0] / order), 1)
-    missed = np.abs(rates[:, 0] / order / k - 1) >= RATES.same_rate
+    near = rates[:, 0] / k
+    near = np.append(near[np.abs(near / order - 1) < RATES.same_order], order)
+    k = np.maximum(np.rint(rates[:, 0] / near[:, None]), 1)
+    missed = np.abs(rates[:, 0] / near[:, None] / k - 1) >= RATES.same_rate
     energy = rates[:, 1] ** 2
-    return float(np.sqrt(1 - chance)), float(np.sqrt(energy[missed].sum() / energy.sum()))
+    left = np.sum(energy * missed, axis=1) / energy.sum()
+    return float(np.sqrt(1 - chance)), float(np.sqrt(left.min()))
 
 
 def _swing(window: WindowInput, order: float) -> float | None:
