@@ -9,7 +9,7 @@ excitation, whose size is free in every window; each other channel c then says
 s   what the machine's structure may differ from the model's, common to all windows
 σ   standard deviation of a line's real and imaginary part
 
-A place where the lines would need an impossible torque or force is none. Places of one kind (the bearings, say) share
+A place where the lines would need an impossible size is none. Places of one kind (the bearings, say) share
 the evidence of their kind evenly. The level at the entry is then compared
 with a constant, the torque, the square of the speed, and steady growth.
 
@@ -60,10 +60,10 @@ class EntryThresholds:
         0.5, of="torque noise floor", meaning="least standard deviation of a line of the torque", source="chosen"
     )
     largest: float = deciding(
-        10.0,
+        5.0,
         of="mean torque, and of its force at the base circle",
         meaning="amplitude of a torque, and of a force at a bearing, beyond which a place is impossible",
-        source="derivation: teeth separate beyond one; ten, because the inertia between place and mesh is not certain",
+        source="derivation: teeth separate beyond one; five, because the inertia between is not certain",
     )
     told: float = deciding(
         3.0, unit="nat", meaning="evidence between two entries, or two laws, that tells them apart", source="1 to 20"
@@ -122,7 +122,7 @@ def entry_of(
     }
     by_place = {
         place: -np.inf
-        if any(_size(model, place, line, windows) > limits.largest for line in lines)
+        if any(_impossible(model, place, line, windows, scales, limits.largest) for line in lines)
         else sum(_evidence(model, place, line, windows, floor, limits.structure) for line in lines)
         for places in KINDS.values()
         for place in places
@@ -143,16 +143,22 @@ def entry_of(
     )
 
 
-def _size(model: Model, place: str, line: FollowedLine, windows: Sequence[SeenWindow]) -> float:
-    """The excitation at a place over the mean torque, or over its force at the base circle; 0 for other places."""
-    if place not in (*TORQUES, *BEARINGS):
-        return 0.0
-    lever = 1.0 if place in TORQUES else model.mesh.pair.base_radius[0]
+def _impossible(
+    model: Model, place: str, line: FollowedLine, windows: Sequence[SeenWindow], scales: Scales, largest: float
+) -> bool:
+    """Whether a line would need a displacement of a whole tooth, or a torque or force far beyond the load's."""
+    if place in CHANNELS:
+        return False
     made = np.abs(transfers(model, place, [r.frequency for _, r in line.at])[line.channel])
     seen = np.array([abs(r.amplitude(line.channel) or 0.0) for _, r in line.at])
-    mean = np.abs([windows[i].torque for i, _ in line.at])
-    known = (made > 0) & (mean > 0)
-    return float(np.median(seen[known] / made[known] / mean[known])) * lever if known.any() else 0.0
+    mean = np.abs(np.array([windows[i].torque for i, _ in line.at]))
+    force = 1 / model.mesh.pair.base_radius[0]
+    most = (
+        np.full(mean.size, scales.base_pitch)
+        if place == "mesh"
+        else largest * mean * (1.0 if place in TORQUES else force)
+    )
+    return bool(np.median(seen - made * most) > 0)
 
 
 def _evidence(
