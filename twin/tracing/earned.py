@@ -420,10 +420,9 @@ def _windows(rig: Rig, tracing: Tracing, item: AttributedEffect | None) -> tuple
             more = _steady([w for w in unseen if w.index in item.fitted])[len(windows) - LIMITS.least_windows :]
             windows = sorted((*windows, *more), key=lambda w: w.index)
         return windows, {w.index for w in measured if w.index not in item.fitted} | {w.index for w in windows}
-    out = held_out([w.index for w in measured])
-    out = ({w.index for w in measured} if tracing.found else out) - {i for one in tracing.found for i in one.fitted}
-    if not tracing.found:
-        out -= set(tracing.latest.fitted)  # a trace since a remount begins with another window
+    fitted = {i for one in tracing.found for i in one.fitted} or set(tracing.latest.fitted)
+    every = [w.index for w in measured]
+    out = {i for i in every if i >= min(fitted)} - fitted if fitted else held_out(every)
     since = max((certain_since(tracing, one) for one in tracing.found), default=0.0)
     windows = [w for w in measured if w.index in out]
     later = [w for w in windows if (w.features.revolutions or 0.0) >= since]
