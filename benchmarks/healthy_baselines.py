@@ -5,7 +5,7 @@
 40 machines of plain formulas (tests/claims/healthy_machines.py): ten whose teeth show no pattern that repeats, ten with
 foreign sidebands while healthy, ten with a sensor at its rail, ten without any of these; seven healthy recordings of a
 day each, and four faults of random size each. Then the measured sets that have more than one healthy recording, where
-they are (GEAR_TWIN_SHARED). The raw limit is that on RMS and kurtosis which stands beside every verdict.
+they are (GEAR_TWIN_SHARED). The raw limit is that on RMS and kurtosis alone, set for all false alarms of a verdict.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def judged(baseline: Baseline, rig: Rig, window: Window) -> Judged:
     except TwinError as error:
         found = compare_levels(baseline, rig, [window], str(error))
     changed = modulated or bool(found.effects) or found.unexplained.verdict == "unknown_effect"
-    return changed, bool(found.raw_limit.exceeded), found.raw_limit.decides_alone and not modulated
+    return changed, found.raw_limit.exceeded_by_itself, found.raw_limit.decides_alone and not modulated
 
 
 def of_number(number: int) -> list[tuple[str, Judged]]:

@@ -78,7 +78,9 @@ SPACING = UnattributedLines(
     next_clearness=10.0,
 )  # fmt: skip
 RAW = RawLimit(
-    measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),), false_alarms=0.01
+    measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),),
+    false_alarms=0.008,
+    whole=0.01,
 )
 EXCESS = LevelExcess(sensor="y6", value=9.0, median=1.0, limit=3.0, relative=False, windows=1, lasting=False)
 PANELS = {

@@ -31,7 +31,7 @@ LINES, PATHS, MISFIT, IMPACTS = "lines of shafts", "transfer path", "misfit of a
 OFF_LINES, NOISE, SPACINGS, MODULATION = "measures off the lines", "white noise", "lines of no shaft", "modulation"
 EXCHANGED, RAW = "names of channels", "raw RMS, kurtosis"
 BY_PATTERN = (LINES, PATHS, MISFIT, IMPACTS, EXCHANGED, MODULATION)  # what goes with the pattern of the teeth
-KINDS = (PATTERN, *BY_PATTERN, OFF_LINES, NOISE, SPACINGS)  # that share the false alarms of a comparison
+KINDS = (PATTERN, *BY_PATTERN, OFF_LINES, NOISE, SPACINGS)  # that share what the raw limit leaves of the false alarms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +39,12 @@ class RepeatThresholds:
     """False alarms that are meant, and when the healthy recordings repeat something."""
 
     false_alarms: float = deciding(
-        0.01, of="healthy recordings", meaning="false alarms of all limits together, and of the raw one by itself",
+        0.01, of="healthy recordings", meaning="false alarms of a comparison with a baseline, all its limits together",
         source="convention: one in a hundred",
+    )  # fmt: skip
+    raw: float = deciding(
+        0.8, of="the false alarms of a comparison", meaning="share of the limit on raw RMS and kurtosis",
+        source="PLACEHOLDER",
     )  # fmt: skip
     most_beyond: float = deciding(
         0.5, of="recordings left out", meaning="share beyond a limit from which a measure is not compared",
@@ -84,9 +88,10 @@ class Repeats:
 NOTHING_LEFT_OUT = Repeats()
 
 
-def share_of(measures: int, limits: RepeatThresholds = DEFAULT) -> float:
-    """False alarms of one measure among so many of its kind."""
-    return limits.false_alarms / (len(KINDS) * max(measures, 1))
+def share_of(kind: str, measures: int = 1, limits: RepeatThresholds = DEFAULT) -> float:
+    """False alarms of one measure among so many of its kind: what the whole comparison may have is divided here."""
+    own = limits.raw if kind == RAW else (1 - limits.raw) / len(KINDS)
+    return limits.false_alarms * own / max(measures, 1)
 
 
 def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds = DEFAULT) -> dict[Key, float]:
@@ -96,7 +101,7 @@ def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds =
     return {
         (kind, channel): factor_of(
             [one[kind, channel] for one in scores if (kind, channel) in one],
-            limits.false_alarms if kind == RAW else share_of(of_kind[kind], limits),
+            share_of(kind, of_kind[kind], limits),
             limits,
         )
         for kind, channel in sorted(keys)
