@@ -118,7 +118,7 @@ def test_lines_of_no_shaft_that_no_healthy_recording_shows_are_new():
 def test_new_lines_of_another_geared_shaft_are_a_change_too():
     """The panel said "new" while the status was normal."""
     first, *others = readings(PLAIN)
-    seen = (SpacingSeen(order=10 / 3, clearness=40.0, free=False),)
+    seen = (SpacingSeen(order=10 / 3, clearness=40.0),)
     known = learn(PLAIN.rig, others, pair_shafts(PLAIN.rig))
     assert "belong to no known shaft" in new_spacings(known, [replace(first, spacings=seen)])
 
