@@ -237,7 +237,7 @@ def test_what_only_a_limit_with_all_false_alarms_exceeds_is_said_beside_the_verd
     between = [one for one in raw if one.exceeded_by_itself and not one.exceeded]
     assert between and all(one.exceeded_by_itself for one in raw if one.exceeded)
     said = raw_sentence(Contract.of(described(known, raw=between[0])).as_json()["raw_limit"])
-    assert "0.8 % of the verdict's 1 % false alarms): not exceeded; set for 1 % by itself, it would be" in said
+    assert "0.5 % of the verdict's 1 % false alarms): not exceeded; set for 1 % by itself, it would be" in said
 
 
 def test_where_the_raw_limit_alone_decides_the_answer_says_so():

@@ -82,7 +82,7 @@ SPACING = UnattributedLines(
 )  # fmt: skip
 RAW = RawLimit(
     measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),),
-    false_alarms=0.008,
+    false_alarms=0.005,
     whole=0.01,
 )
 COMPARED_WINDOW = BaselineWindow(
@@ -124,7 +124,8 @@ def test_no_machine_is_normal_while_any_panel_calls_something_new(count, verdict
 
 JUDGED = {  # flags of an assessment that call something new or changed
     "BaselineWindow.same_teeth", "RawMeasure.beyond", "UnattributedLines.new", "Modulation.new",
-    "StatedRatio.contradicted", "LevelExcess.lasting", "InspectedDepth.contradicts", "Life.reached", "ModelValidity.valid",
+    "StatedRatio.contradicted", "LevelExcess.lasting", "InspectedDepth.contradicts", "Life.reached",
+    "ModelValidity.valid",
 }  # fmt: skip
 OTHERS = {  # that tell how something was found, and nothing of the machine
     "Attribution.other_structure",
