@@ -44,8 +44,8 @@ class RepeatThresholds:
     )  # fmt: skip
     raw: float = deciding(
         0.5, of="the false alarms of a comparison", meaning="share of the limit on raw RMS and kurtosis",
-        source="measured: with 0.5 no fault is lost that the raw limit or the other limits find at 1 % by themselves, with "
-        "0.8 one in 65 (20 simulated machines)",
+        source="measured: with 0.5 no fault is lost that the raw limit or the others find at 1 % alone, with 0.8 "
+        "one in 65 (20 simulated machines)",
     )  # fmt: skip
     most_beyond: float = deciding(
         0.5, of="recordings left out", meaning="share beyond a limit from which a measure is not compared",
