@@ -36,8 +36,8 @@ def false_alarms(found: Mapping[str, Any]) -> str:
         return "False alarms: not known, too few recordings to leave one out; no verdict with this baseline is certain."
     return (
         f"False alarms: {found['false_alarms']} of {count} healthy recordings left out in turn are called changed, "
-        f"{found['raw_false_alarms']} by a limit on raw RMS and kurtosis (set for {meant} % together). No verdict with "
-        "this baseline is more certain than that."
+        f"{found['raw_false_alarms']} by a limit on raw RMS and kurtosis (meant for a verdict: {meant} %, half by that "
+        "limit). No verdict with this baseline is more certain than that."
     )
 
 
@@ -47,11 +47,9 @@ def raw_sentence(raw: Mapping[str, Any] | None) -> str:
         return ""
     if raw["not_compared"]:
         return f"Limit on raw RMS and kurtosis: none, because {raw['not_compared']}."
-    whole = number(raw["whole_percent"], 2)
-    rate = f"set for {number(raw['false_alarms_percent'], 2)} % of the verdict's {whole} % false alarms"
+    rate = f"set for {number(raw['false_alarms_percent'], 2)} % false alarms"
     if not raw["exceeded"]:
-        by_itself = f"; set for {whole} % by itself, it would be" if raw["exceeded_by_itself"] else ""
-        return f"Limit on raw RMS and kurtosis ({rate}): not exceeded{by_itself}."
+        return f"Limit on raw RMS and kurtosis ({rate}): not exceeded."
     alone = "; it decides alone: nothing else that is compared has changed" if raw["decides_alone"] else ""
     beyond = ", ".join(
         f"{m['channel']} {'RMS' if m['name'] == 'rms' else m['name']} {number(m['value'])} (healthy "

@@ -103,7 +103,7 @@ class LeavingOut(ContractModel):
     recordings: int = Field(description="left out in turn, or parts of them; 0 where there are too few")
     false_alarms: int = Field(description="of these, called changed by limits of the others alone")
     raw_false_alarms: int = Field(description="of these, beyond the limit on raw RMS and kurtosis")
-    meant_percent: float = Field(description="false alarms that all limits together are set for")
+    meant_percent: float = Field(description="false alarms that are meant of a verdict")
     compared: list[Compared]
 
     @classmethod
@@ -136,9 +136,7 @@ class RawLimit(ContractModel):
 
     exceeded: bool
     decides_alone: bool = Field(description="whether nothing else has called the recording changed")
-    false_alarms_percent: float = Field(description="that the limit is set for, of those of the whole verdict")
-    whole_percent: float = Field(description="false alarms that the whole verdict is set for")
-    exceeded_by_itself: bool = Field(description="whether the limit, set for all of these by itself, is exceeded")
+    false_alarms_percent: float = Field(description="that the limit is set for")
     not_compared: str | None = Field(description="why there is no limit")
     measures: list[RawMeasure]
 
@@ -148,8 +146,6 @@ class RawLimit(ContractModel):
             exceeded=bool(found.exceeded),
             decides_alone=found.decides_alone,
             false_alarms_percent=found.false_alarms / PERCENT,
-            whole_percent=found.whole / PERCENT,
-            exceeded_by_itself=found.exceeded_by_itself,
             not_compared=found.not_compared or None,
             measures=[
                 RawMeasure.model_validate(

@@ -83,7 +83,6 @@ SPACING = UnattributedLines(
 RAW = RawLimit(
     measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),),
     false_alarms=0.005,
-    whole=0.01,
 )
 COMPARED_WINDOW = BaselineWindow(
     index=5, name="w", start_time_ns=1, speed=10.0, speed_std=None, speed_source="", torque=None, between=("a", "b"),
@@ -135,7 +134,6 @@ OTHERS = {  # that tell how something was found, and nothing of the machine
     "LevelExcess.relative",
     "PossibleCause.possible",
     "RawLimit.decides_alone",
-    "RawLimit.exceeded_by_itself",
     "RmsEstimate.converged",
     "RmsEstimate.updated",
     "SmallestSize.hidden",

@@ -41,9 +41,7 @@ class RawLimit:
     """Raw RMS and kurtosis of a recording beside the limits that healthy recordings give."""
 
     measures: tuple[RawMeasure, ...]
-    false_alarms: float  # that are meant, of healthy recordings: its share of those of the whole comparison
-    whole: float  # false alarms of the whole comparison
-    exceeded_by_itself: bool = False  # whether a measure is beyond a limit that had the whole rate to itself
+    false_alarms: float  # that are meant, of healthy recordings
     not_compared: str = ""  # why there is no limit
     decides_alone: bool = False  # whether nothing else has called the recording changed
 

@@ -33,7 +33,7 @@ def _same(one: SpacingSeen, here: WindowReading, other: SpacingSeen, there: Wind
 
 def least_clear() -> float:
     """Clearness of a spacing that is new: as rare by chance as its share of the false alarms [nat]."""
-    return -float(np.log(share_of(SPACINGS)))
+    return -float(np.log(share_of(1)))
 
 
 def is_new(spacing: SpacingSeen, reading: WindowReading, baseline: Baseline) -> bool:

@@ -38,7 +38,6 @@ from twin.baseline.repeats import (
     NOTHING_LEFT_OUT,
     OFF_LINES,
     PATHS,
-    PATTERN,
     RAW,
     SPACINGS,
     Key,
@@ -174,7 +173,7 @@ def is_repeated(pattern: Mapping[int, float], limits: RepeatThresholds = DEFAULT
     found = np.array(list(pattern.values()))
     if found.size < limits.least_recordings:
         return bool(np.all(found > FINDINGS.same_teeth))
-    t = student.isf(share_of(PATTERN, limits=limits), found.size - 1)
+    t = student.isf(share_of(1, limits), found.size - 1)
     return bool(found.mean() - t * found.std(ddof=1) * np.sqrt(1 + 1 / found.size) > FINDINGS.same_teeth)
 
 

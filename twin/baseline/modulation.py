@@ -76,7 +76,7 @@ def least_new(known: np.ndarray, sensors: int, limits: NewModulationThresholds =
         return least
     variance = known.var(axis=0, ddof=1)
     spread = np.sqrt(0.5 * (variance + variance.mean()) * (1 + 1 / count))
-    t = float(student.isf(share_of(MODULATION, sensors * measures), 2 * (count - 1)))
+    t = float(student.isf(share_of(sensors * measures), 2 * (count - 1)))
     return np.asarray(np.maximum(least, known.mean(axis=0) + t * spread))
 
 

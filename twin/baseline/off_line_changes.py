@@ -39,7 +39,7 @@ from twin.baseline.learned import Baseline
 from twin.baseline.operating import varies
 from twin.baseline.reading import WindowReading
 from twin.baseline.recordings import recording_of
-from twin.baseline.repeats import NOISE, OFF_LINES, share_of
+from twin.baseline.repeats import share_of
 from twin.thresholds import deciding
 
 SIZES = ("level", "noise", "tone")  # kinds of measures that go with the level of the channel
@@ -134,7 +134,7 @@ def student_evidence(squared: float, freedom: int, tried: int) -> float:
 @lru_cache(maxsize=64)
 def student_limit(freedom: int, tried: int) -> float:
     """t of Student's distribution that one of so many measures may exceed to either side."""
-    return float(student.isf(share_of(OFF_LINES, 2 * tried), freedom))
+    return float(student.isf(share_of(2 * tried), freedom))
 
 
 def off_line_changes(
@@ -192,7 +192,7 @@ def off_line_changes(
 @lru_cache(maxsize=64)
 def joint_limit(measures: int, freedom: int, channels: int) -> float:
     """Root of the squares that so many deviations of one of so many channels may have together (Scheffé)."""
-    return float(np.sqrt(measures * fisher.isf(share_of(NOISE, channels), measures, freedom)))
+    return float(np.sqrt(measures * fisher.isf(share_of(channels), measures, freedom)))
 
 
 def added_noise(

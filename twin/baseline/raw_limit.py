@@ -6,8 +6,7 @@ y   logarithm of the RMS, or of the kurtosis, of one accelerometer; ȳ, s their 
     healthy windows
 n   healthy recordings: windows of one source, day and load are one
 M   measures, two of each accelerometer
-α   its share of the false alarms of a comparison (repeats.py); beside it stands whether the same limit by itself, with
-    all of them, would be exceeded
+α   false alarms that are meant, of all measures together: half of those of a verdict
 
 Nothing of the machine enters: neither shafts nor load, and sensors at their rail, too. Where healthy recordings that
 are left out in turn exceed the limit, it is raised as every other one (repeats.py).
@@ -30,7 +29,7 @@ from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.operating import distance_beyond
 from twin.baseline.reading import WindowReading
 from twin.baseline.recordings import recording_of
-from twin.baseline.repeats import DEFAULT, RAW, share_of
+from twin.baseline.repeats import DEFAULT, RAW
 
 NAMES = ("rms", "kurtosis")
 LEAST_SCATTER = 1e-6  # of a logarithm, below which values are the same
@@ -44,7 +43,6 @@ class _Learned:
     name: str  # of `NAMES`
     mean: float  # of the logarithm
     reach: float  # from it to the limit
-    by_itself: float  # the same where the limit has all false alarms of the comparison to itself
 
     def over(self, values: Sequence[float]) -> float:
         """Distance of the median of windows' values from the mean, over that of the limit."""
@@ -59,50 +57,49 @@ def raw_limit(baseline: Baseline, windows: Sequence[WindowReading]) -> RawLimit:
     points = np.array([baseline.operating_point(r) for r in baseline.readings])
     if all(distance_beyond(points, baseline.operating_point(r)) > OPERATING.far for r in windows):
         beyond = "the operating point lies beyond those of the healthy recordings"
-        return RawLimit(measures=(), false_alarms=share_of(RAW), whole=DEFAULT.false_alarms, not_compared=beyond)
+        return RawLimit(measures=(), false_alarms=DEFAULT.half, not_compared=beyond)
     return limit_on(baseline, [r.raw for r in windows])
 
 
-def limit_on(baseline: Baseline, windows: Sequence[Raw]) -> RawLimit:
-    """Raw measures of windows of any load beside their limits."""
-    own, whole, factor = share_of(RAW), DEFAULT.false_alarms, baseline.repeats.factor(RAW)
-    learned = _learned(baseline)
+def limit_on(baseline: Baseline, windows: Sequence[Raw], meant: float = DEFAULT.half) -> RawLimit:
+    """Raw measures of windows of any load beside their limits, for so many false alarms."""
+    factor = baseline.repeats.factor(RAW)
+    learned = _learned(baseline, meant)
     reason = _reason(learned, factor)
     if reason:
-        return RawLimit(measures=(), false_alarms=own, whole=whole, not_compared=reason)
-    measures, by_itself = [], False
+        return RawLimit(measures=(), false_alarms=meant, not_compared=reason)
+    measures = []
     for one in learned:
         values = [raw[one.channel][NAMES.index(one.name)] for raw in windows if one.channel in raw]
         if not values or min(values) <= 0:
             continue
         low, high = (float(np.exp(one.mean + sign * one.reach * factor)) for sign in (-1, 1))
         value = float(np.median(values))
-        by_itself |= one.over(values) > factor * one.by_itself / one.reach
         measures.append(
             RawMeasure(
                 channel=one.channel, name=one.name, value=value, low=low, high=high, beyond=not low <= value <= high
             )
         )
-    return RawLimit(measures=tuple(measures), false_alarms=own, whole=whole, exceeded_by_itself=by_itself)
+    return RawLimit(measures=tuple(measures), false_alarms=meant)
 
 
 def raw_over(baseline: Baseline, windows: Sequence[WindowReading]) -> float | None:
     """The measure of some windows that is most over its limit, none of it raised; None where there is no limit."""
     found = []
-    for one in _learned(baseline):
+    for one in _learned(baseline, DEFAULT.half):
         values = [r.raw[one.channel][NAMES.index(one.name)] for r in windows if one.channel in r.raw]
         if values and min(values) > 0:
             found.append(one.over(values))
     return max(found, default=None)
 
 
-def _learned(baseline: Baseline) -> list[_Learned]:
+def _learned(baseline: Baseline, false_alarms: float) -> list[_Learned]:
     """Every measure that all healthy windows have; none with too few recordings."""
     count = len(set(recording_of(baseline.readings)))
     channels = set.intersection(*(set(r.raw) for r in baseline.readings))
     if count < DEFAULT.least_recordings or not channels:
         return []
-    rates = np.array([share_of(RAW), DEFAULT.false_alarms]) / (2 * len(NAMES) * len(channels))
+    t = float(student.isf(false_alarms / (2 * len(NAMES) * len(channels)), count - 1))
     out = []
     for channel in sorted(channels):
         for i, name in enumerate(NAMES):
@@ -110,8 +107,8 @@ def _learned(baseline: Baseline) -> list[_Learned]:
             if values.min() > 0:
                 y = np.log(values)
                 scatter = max(float(y.std(ddof=1)), LEAST_SCATTER)
-                reach, by_itself = (student.isf(rates, count - 1) * scatter * np.sqrt(1 + 1 / count)).tolist()
-                out.append(_Learned(channel=channel, name=name, mean=float(y.mean()), reach=reach, by_itself=by_itself))
+                reach = t * scatter * np.sqrt(1 + 1 / count)
+                out.append(_Learned(channel=channel, name=name, mean=float(y.mean()), reach=float(reach)))
     return out
 
 

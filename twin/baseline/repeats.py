@@ -32,7 +32,7 @@ LINES, PATHS, MISFIT, IMPACTS = "lines of shafts", "transfer path", "misfit of a
 OFF_LINES, NOISE, SPACINGS, MODULATION = "measures off the lines", "white noise", "lines of no shaft", "modulation"
 EXCHANGED, RAW = "names of channels", "raw RMS, kurtosis"
 BY_PATTERN = (LINES, PATHS, MISFIT, IMPACTS, EXCHANGED, MODULATION)  # what goes with the pattern of the teeth
-KINDS = (PATTERN, *BY_PATTERN, OFF_LINES, NOISE, SPACINGS)  # that share what the raw limit leaves of the false alarms
+KINDS = (PATTERN, *BY_PATTERN, OFF_LINES, NOISE, SPACINGS)  # that share the false alarms of a comparison
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,13 +40,8 @@ class RepeatThresholds:
     """False alarms that are meant, and when the healthy recordings repeat something."""
 
     false_alarms: float = deciding(
-        0.01, of="healthy recordings", meaning="false alarms of a comparison with a baseline, all its limits together",
+        0.01, of="healthy recordings", meaning="false alarms of a verdict, half by raw levels, half by all else",
         source="convention: one in a hundred",
-    )  # fmt: skip
-    raw: float = deciding(
-        0.5, of="the false alarms of a comparison", meaning="share of the limit on raw RMS and kurtosis",
-        source="measured: with 0.5 no fault is lost that the raw limit or the others find at 1 % alone, with 0.8 "
-        "one in 65 (20 simulated machines)",
     )  # fmt: skip
     most_beyond: float = deciding(
         0.5, of="recordings left out", meaning="share beyond a limit from which a measure is not compared",
@@ -60,6 +55,11 @@ class RepeatThresholds:
         8, meaning="parts of the recordings that are left out in turn", unit="parts",
         source="not derived: 36 baselines are learned for it, some seconds",
     )  # fmt: skip
+
+    @property
+    def half(self) -> float:
+        """False alarms of the raw limit, and of all else that is compared."""
+        return self.false_alarms / 2
 
 
 DEFAULT = RepeatThresholds()
@@ -90,10 +90,9 @@ class Repeats:
 NOTHING_LEFT_OUT = Repeats()
 
 
-def share_of(kind: str, measures: int = 1, limits: RepeatThresholds = DEFAULT) -> float:
-    """False alarms of one measure among so many of its kind: what the whole comparison may have is divided here."""
-    own = limits.raw if kind == RAW else (1 - limits.raw) / len(KINDS)
-    return limits.false_alarms * own / max(measures, 1)
+def share_of(measures: int, limits: RepeatThresholds = DEFAULT) -> float:
+    """False alarms of one measure among so many of its kind; the raw measures have half of all for themselves."""
+    return limits.half / (len(KINDS) * max(measures, 1))
 
 
 def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds = DEFAULT) -> dict[Key, float]:
@@ -103,7 +102,7 @@ def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds =
     return {
         (kind, channel): factor_of(
             [one[kind, channel] for one in scores if (kind, channel) in one],
-            share_of(kind, of_kind[kind], limits),
+            limits.half if kind == RAW else share_of(of_kind[kind], limits),
             limits,
         )
         for kind, channel in sorted(keys)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import f as fisher
 
-from twin.baseline.repeats import PATHS, share_of
+from twin.baseline.repeats import share_of
 from twin.effects.sensor_resonance import SensorResonance
 from twin.thresholds import deciding
 
@@ -134,7 +134,7 @@ class Path:
 @lru_cache(maxsize=64)
 def over_usual(bands: int, recordings: int, paths: int) -> float:
     """By how much one of so many paths may change, over what healthy recordings do: √F of bands and recordings."""
-    return float(np.sqrt(fisher.isf(share_of(PATHS, paths), bands, bands * max(recordings - 1, 1))))
+    return float(np.sqrt(fisher.isf(share_of(paths), bands, bands * max(recordings - 1, 1))))
 
 
 def band_gains(
