@@ -41,7 +41,7 @@ from twin.errors import TwinError
 from twin.rig import Rig
 from twin.windows import Window
 
-FIRST, MACHINES = 200, 40  # limits were set on the machines 0 to 39, and once more after 100 to 139
+FIRST, MACHINES = 360, 40  # limits were set on the machines 0 to 39, 100 to 139, 200 to 239 and 320 to 359
 HEALTHY = 7
 LEAST = 4  # that must be usable for a machine to take part
 FAULTS = ("impact", "level", "noise", "foreign")

@@ -19,7 +19,6 @@ from twin.baseline.load_direction import LoadDirectionThresholds
 from twin.baseline.low_frequency import LowFrequencyThresholds
 from twin.baseline.modulation import NewModulationThresholds
 from twin.baseline.off_line_changes import OffLineThresholds
-from twin.baseline.off_lines import RailThresholds
 from twin.baseline.operating import OperatingThresholds as BaselineOperatingThresholds
 from twin.baseline.reading import ReadingThresholds
 from twin.baseline.recordings import RecordingThresholds
@@ -53,6 +52,7 @@ from twin.features.baseline_drift import DriftThresholds
 from twin.features.despike import SpikeThresholds
 from twin.features.edge_counts import EdgeCountThresholds
 from twin.features.edge_timing import EdgeTimingThresholds
+from twin.features.end_of_range import RailThresholds
 from twin.features.modulation import ModulationThresholds
 from twin.features.non_gear import NonGearFeatureThresholds
 from twin.features.off_orders import OffOrderThresholds

@@ -27,8 +27,8 @@ def _effects(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Fin
 
     for effect in found.effects:
         known = facts_of(effect.name)
-        if known is not None and known.acts_on == "unknown":
-            continue  # what is unknown of it is said where the rest is judged
+        if known is not None and known.acts_on == "unknown" and found.unexplained.verdict == "unknown_effect":
+            continue  # its reason says it
         names = (effect.name, *effect.evidence.indistinguishable_from)
         label = " or ".join(label_of(name) for name in names)
         alarm = all(getattr(facts_of(name), "alarm_class", "watch") == "alarm" for name in names)
@@ -108,26 +108,37 @@ def _modulation(found: assessment.Assessment, limits: StatusLimits) -> Iterator[
     """What is new of the mesh's modulation: of every shaft and multiple the channel where it is deepest."""
     deepest: dict[tuple[str, int], assessment.Modulation] = {}
     for one in found.modulation or ():
-        if one.new and one.healthy is not None:
+        if one.new:
             key = one.shaft, one.multiple
             deepest[key] = max(deepest.get(key, one), one, key=lambda m: m.depth)
     for (shaft, multiple), one in deepest.items():
-        assert one.healthy is not None
-        low, high = (f"{depth / PERCENT:.2g}" for depth in one.healthy)
+        low, high = one.healthy or (0.0, 0.0)
         yield Finding(
             subject=f"modulation/{shaft}/{multiple}",
             level="watch",
             reason=f"The mesh vibration is modulated {TIMES[multiple]} per turn of the {shaft}, which is new: "
-            f"{one.depth / PERCENT:.3g} % in {one.sensor}, healthy {low} to {high} %.",
+            f"{one.depth / PERCENT:.3g} % in {one.sensor}, healthy {low / PERCENT:.2g} to {high / PERCENT:.2g} %.",
             action=f"Check for {causes_of(shaft, multiple)}.",
-            share=1 - (one.healthy[1] / one.depth) ** 2,
+            share=1 - (high / one.depth) ** 2,
         )
 
 
 def _new(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding]:
-    """What a panel calls new though the verdict does not: lines of no shaft, and raw levels beyond their limits."""
+    """What a panel calls new though the verdict does not: content, tooth pattern, lines of no shaft, raw levels."""
     if found.unexplained.verdict == "unknown_effect":
         return  # its reason says them
+    if found.attribution is not None and found.attribution.unknown:
+        yield Finding(
+            subject="unknown", level="watch", reason=sentence(found.attribution.unknown), action=UNNAMED_ACTION
+        )
+    window = None if found.baseline is None else found.baseline.window
+    if window is not None and window.pattern_compared and not window.same_teeth:
+        yield Finding(
+            subject="tooth_pattern",
+            level="watch",
+            reason="The pattern of the teeth is not that of the healthy recordings.",
+            action="Check whether gears were changed or reassembled, and learn a new baseline if they were.",
+        )
     for lines in found.unattributed_lines or ():
         if lines.new:
             yield Finding(

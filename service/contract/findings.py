@@ -12,7 +12,7 @@
 | any other effect, or a change against a baseline | watch |
 | a vibration level beyond the alarm limit of the machine's own first windows, three windows in a row | alarm |
 | the same in the latest window | watch |
-| a modulation of the mesh, lines of no shaft, or a raw level, that is new against a baseline | watch |
+| a modulation of the mesh, a tooth pattern, lines of no shaft, or a raw level, that is new against a baseline | watch |
 | an effect of whatever class whose cause is preliminary (estimated structure), not accepted | watch |
 | content that no effect makes (`unknown_effect`) | watch |
 | impacts of no name, always at the same tooth of a shaft | alarm |

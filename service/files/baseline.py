@@ -354,5 +354,5 @@ def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:
         for name, level in rms.items()
     }
     raw = {name: (float(rms), float(kurtosis)) for name, (rms, kurtosis) in values.pop("raw", {}).items()}
-    spacings = tuple(SpacingSeen(**one) for one in values.pop("spacings", ()))
+    spacings = tuple(SpacingSeen(order=one["order"], clearness=one["clearness"]) for one in values.pop("spacings", ()))
     return WindowReading(channels=channels, raw=raw, spacings=spacings, **values)

@@ -18,14 +18,13 @@ from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece, of_one_rate
 from twin.compiled.statistics import extremes
 from twin.features.despike import spikes
+from twin.features.end_of_range import RAIL, samples_at_end_of_range
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.windows import Fault, Samples
 
 _TIME_SLACK_NS = 20_000  # of a frame's start, beyond one sample [ns]
-_FLAT_RUN = 4  # equal extreme samples in a row that no vibration gives: clipped
 _LEVELS = 16  # different values from which a load is said to vary
-_PILE = 5  # samples at the extreme level, and times as many as at the level before it, that none gives either
 MOST_SAMPLES = 2**26  # of all channels of one window: 512 MiB
 _MARGIN = 0.05  # [s] by which channels may start and end apart
 
@@ -211,39 +210,23 @@ def _note_dead_or_clipped(label: str, kind: ChannelKind, values: np.ndarray, fau
     """A record without any variation, and extreme values that repeat: the sensor or its converter was at its end."""
     ends = extremes(values)
     low, high = ends.low, ends.high
-    if ends.finite < 2 * _FLAT_RUN:
+    if ends.finite < 2 * RAIL.least:
         return
     if low == high:
         detail = f"every sample is {low:g}: cable or supply?"
         faults.append(Fault(kind="stuck", channel=label, count=ends.finite, action="degraded", detail=detail))
         return
-    if ends.lowest + ends.highest < min(_PILE, _FLAT_RUN):  # far too few for any of what follows
+    if ends.lowest + ends.highest < RAIL.least:  # far too few for any of what follows
         return
     finite = values if ends.finite == values.size else values[np.isfinite(values)]
     count, where = 0, f"{low:g} or {high:g}"
     if kind.vibration:
-        count = sum(samples_at_end_of_range(finite, sign) for sign in (-1, 1))
+        count = samples_at_end_of_range(finite)
     elif kind.loads:
         count, where = samples_of_load_at_limit(finite), f"{max(low, high, key=abs):g}"
     if count:
         detail = f"samples held at {where}: measuring range exceeded"
         faults.append(Fault(kind="clipping", channel=label, count=count, action="degraded", detail=detail))
-
-
-def samples_at_end_of_range(finite: np.ndarray, sign: int) -> int:
-    """How many samples lie at one extreme because the range ended there; 0 where it was only reached.
-
-    The tail of a vibration thins out towards its extreme. A clipped one ends in a level that holds far more samples
-    than the level before it, or stays there for several samples in a row.
-    """
-    at = finite == (finite.max() if sign > 0 else finite.min())
-    count = int(np.count_nonzero(at))
-    if count < min(_PILE, _FLAT_RUN):
-        return 0
-    others = finite[~at]
-    before = others.max(initial=-np.inf) if sign > 0 else others.min(initial=np.inf)
-    piled = count >= _PILE and count > _PILE * int(np.count_nonzero(finite == before))
-    return count if piled or _in_runs(at) else 0
 
 
 def samples_of_load_at_limit(finite: np.ndarray) -> int:
@@ -257,13 +240,6 @@ def samples_of_load_at_limit(finite: np.ndarray) -> int:
     at = size == extreme
     before = size[~at].max(initial=0.0)
     visits = int(at[0]) + int(np.count_nonzero(np.diff(at.astype(int)) == 1))
-    piled = int(at.sum()) > _PILE * int((size == before).sum())
+    piled = int(at.sum()) > RAIL.piled * int((size == before).sum())
     varied = np.unique(finite).size >= _LEVELS
-    return int(at.sum()) if piled and varied and visits >= _PILE else 0
-
-
-def _in_runs(flags: np.ndarray) -> int:
-    """How many of the flags lie in runs of at least _FLAT_RUN."""
-    places = np.flatnonzero(flags)
-    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    return sum(run.size for run in runs if run.size >= _FLAT_RUN)
+    return int(at.sum()) if piled and varied and visits >= RAIL.least else 0

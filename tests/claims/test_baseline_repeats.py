@@ -26,7 +26,7 @@ from twin.baseline.comparison import (
 )
 from twin.baseline.known_spacings import new_spacings
 from twin.baseline.learned import Baseline
-from twin.baseline.leaving_out import learn
+from twin.baseline.leaving_out import is_repeated, learn
 from twin.baseline.modulation import least_new
 from twin.baseline.off_line_changes import student_limit
 from twin.baseline.reading import SpacingSeen
@@ -116,7 +116,7 @@ def test_lines_of_no_shaft_that_no_healthy_recording_shows_are_new():
 def test_new_lines_of_another_geared_shaft_are_a_change_too():
     """The panel said "new" while the status was normal."""
     first, *others = readings(PLAIN)
-    seen = (SpacingSeen(order=10 / 3, clearness=40.0, free=False),)
+    seen = (SpacingSeen(order=10 / 3, clearness=40.0),)
     known = learn(PLAIN.rig, others, pair_shafts(PLAIN.rig))
     assert "belong to no known shaft" in new_spacings(known, [replace(first, spacings=seen)])
 
@@ -259,6 +259,21 @@ def test_the_limits_of_six_recordings_hold_for_a_seventh(seed, recording):
     found = compare_with_baseline(known, machine.rig, [new])
     assert not is_changed(found), found.unexplained.reason
     assert not any(m.new for m in modulation_of(Loaded(machine.rig, "bench", [new], [], []), known))
+
+
+@pytest.mark.parametrize("found", [
+    (0.30, 0.46, 0.46, 0.46, 0.35, 0.39, 0.33), (0.35, 0.39, 0.46, 0.44, 0.37, 0.43, 0.35), (0.5, 0.9, 0.4, 0.8, 0.6),
+])  # fmt: skip
+def test_a_tooth_pattern_that_a_few_recordings_share_by_chance_is_not_compared(found):
+    """Each lies above 0.3, and the next recording of such a machine, at 0.05 or 0.24, was "other gears"."""
+    assert not is_repeated(dict(enumerate(found)))
+
+
+@pytest.mark.parametrize("found", [
+    (0.84, 0.85, 0.87, 0.87, 0.88, 0.86, 0.83), (0.87, 0.95, 0.94, 0.87, 0.86, 0.87, 0.81), (0.5, 0.9), (),
+])  # fmt: skip
+def test_a_tooth_pattern_that_recordings_show_alike_is_compared(found):
+    assert is_repeated(dict(enumerate(found)))
 
 
 def test_tooth_pattern_that_healthy_recordings_repeat_is_compared():

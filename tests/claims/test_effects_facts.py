@@ -7,9 +7,10 @@ import pytest
 
 from tests.effects_cases import GEAR_INSTANCES, INSTANCES, solved, with_instance
 from twin.effects import EFFECTS, neutral
-from twin.effects.facts import ALARM_CLASSES, DetectionThresholds, Facts, FittedNumber
+from twin.effects.facts import ALARM_CLASSES, CLAIMS, DetectionThresholds, Facts, FittedNumber
 from twin.effects.parameter import Parameter
 from twin.thresholds import rows_of
+from twin.tracing.held_out_content import CONTENT, ORDER
 from twin.tracing.mesh_trials import fitted_numbers, mesh_trials, trial_of
 
 NAMES = [name for name in EFFECTS if name != "none"]
@@ -105,3 +106,9 @@ def test_logarithmic_number_multiplies_and_plain_number_adds():
 
 def test_least_detectable_size_has_a_default():
     assert DetectionThresholds().least_size == 0.3
+
+
+def test_every_claim_but_lines_has_a_content_of_its_own_which_repeats_at_an_order_of_the_effect():
+    assert {"lines", *CONTENT} == set(CLAIMS)
+    of_content = [effect for effect in EFFECTS.values() if effect.facts.claims in CONTENT]
+    assert of_content and all(ORDER in {p.name for p in effect.parameters} for effect in of_content)

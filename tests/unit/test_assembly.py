@@ -15,6 +15,7 @@ from streams import ACCEL, CHANNELS, GEAR, LENGTH, PINION, T0, TORQUE, bursts, c
 
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.frames import NS
+from twin.features.end_of_range import samples_at_end_of_range as held
 
 
 def assembled(frames, chosen=DEFAULT):
@@ -328,15 +329,27 @@ def test_every_channel_of_the_test_stream_fills_its_frames():
     assert all(f.end_time_ns - f.start_time_ns == round(LENGTH * NS) for f in bursts(1) if f.channel.kind != "encoder")
 
 
-def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a_row_areheld():
-    from service.stream.samples import samples_at_end_of_range as held
-
+def test_a_fast_vibration_beyond_the_range_is_clipped_though_no_two_samples_in_a_row_are_held():
     vibration = 30 * np.random.default_rng(4).standard_normal(5000)
-    assert held(vibration, 1) == held(vibration, -1) == 0
-    clipped = np.clip(vibration, -np.inf, 60)
-    assert held(clipped, 1) == np.sum(vibration >= 60) > 50
-    assert held(clipped, -1) == 0
-    assert held(np.round(vibration), 1) == held(np.round(vibration), -1) == 0  # coarse steps are no clipping
+    assert held(vibration) == held(np.round(vibration)) == 0  # coarse steps are no clipping
+    assert held(np.clip(vibration, -np.inf, 60)) == np.sum(vibration >= 60) > 50
+    assert held(np.clip(vibration, -60, 60)) == np.sum(np.abs(vibration) >= 60)
+
+
+@pytest.mark.parametrize("steps", [8, 20, 50])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_a_slow_vibration_in_coarse_steps_is_not_clipped_though_it_stays_at_its_last_step(steps, noise):
+    """A dozen samples in a row lie at either extreme of a tone of 7.3 Hz."""
+    time, random = np.arange(20_000) / 5000, np.random.default_rng(4)
+    tone = steps * np.sin(2 * np.pi * 7.3 * time) + noise * random.standard_normal(time.size)
+    assert held(np.round(tone)) == 0
+    assert held(np.clip(np.round(tone), -np.inf, 0.7 * steps)) > 1000
+
+
+def test_a_short_blow_beyond_the_range_is_clipped():
+    vibration = np.random.default_rng(4).standard_normal(5000)
+    vibration[2000:2005] += 40
+    assert held(np.clip(vibration, -30, 30)) == 5
 
 
 def test_a_torque_beyond_the_range_is_clipped_and_one_that_holds_its_level_is_not():

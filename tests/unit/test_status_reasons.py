@@ -1,6 +1,6 @@
 """What the status says, and in which order: by what a machine is judged by, the strongest reason first."""
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -9,9 +9,12 @@ import pytest
 from service.contract.answer import report_of
 from service.contract.status import status_of
 from service.contract.wear import Wear as WearJson
-from tests.unit.test_status import HEALTHY, effect, life, wear
+from tests.unit.test_status import HEALTHY, effect, life, pair, wear
+from twin import assessment
 from twin.assessment import (
+    Attribution,
     BaselineAssessment,
+    BaselineWindow,
     HeldOutErrors,
     LevelExcess,
     Modulation,
@@ -78,11 +81,22 @@ SPACING = UnattributedLines(
     next_clearness=10.0,
 )  # fmt: skip
 RAW = RawLimit(
-    measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),), false_alarms=0.01
+    measures=(RawMeasure(channel="y6", name="kurtosis", value=9.0, low=2.8, high=3.4, beyond=True),),
+    false_alarms=0.005,
 )
-EXCESS = LevelExcess(sensor="y6", value=9.0, median=1.0, limit=3.0, relative=False, windows=1, lasting=False)
+COMPARED_WINDOW = BaselineWindow(
+    index=5, name="w", start_time_ns=1, speed=10.0, speed_std=None, speed_source="", torque=None, between=("a", "b"),
+    interpolated=True, pattern_correlation=0.1, same_teeth=False,
+)  # fmt: skip
 PANELS = {
     "modulation": {"modulation": (modulation(),)},
+    "modulation without a healthy depth": {"modulation": (modulation(healthy=None),)},
+    "tooth pattern": {"baseline": replace(BASELINE, window=COMPARED_WINDOW)},
+    "content in words": {"attribution": Attribution(unknown="a tone at order 4.3 that nothing explains")},
+    "unknown effect": {"effects": (effect("unknown_effect", ("y6",)),)},
+    "an accelerometer's fault": {"effects": (effect("sensor_clipping", ("y6",)),)},
+    "wear rate": {"wear": replace(wear(), rate_change=RateChange(factor=5.0, revolutions=9e3, windows=3))},
+    "encoders' ratio": {"encoder_pair": pair(contradicted=True)},
     "lines of no shaft": {"unattributed_lines": (SPACING,)},
     "raw limit": {"baseline": replace(BASELINE, raw_limit=RAW)},
     "level": {
@@ -96,7 +110,7 @@ PANELS = {
 
 
 @pytest.mark.parametrize("verdict", ["explained", "unknown_effect"])
-@pytest.mark.parametrize("count", range(1, len(PANELS) + 1))
+@pytest.mark.parametrize("count", [1, 2, 3, len(PANELS)])
 def test_no_machine_is_normal_while_any_panel_calls_something_new(count, verdict):
     for names in combinations(PANELS, count):
         changes = {"unexplained": Unexplained(verdict=verdict, reason="a tone"), "baseline": BASELINE}
@@ -105,6 +119,33 @@ def test_no_machine_is_normal_while_any_panel_calls_something_new(count, verdict
         status = status_of(replace(COMPARED, **changes))
         assert status.level in ("watch", "alarm"), names
         assert status.findings[0].reason in status.reasons[0] and status.action == status.findings[0].action
+
+
+JUDGED = {  # flags of an assessment that call something new or changed
+    "BaselineWindow.same_teeth", "RawMeasure.beyond", "UnattributedLines.new", "Modulation.new",
+    "StatedRatio.contradicted", "LevelExcess.lasting", "InspectedDepth.contradicts", "Life.reached",
+    "ModelValidity.valid",
+}  # fmt: skip
+OTHERS = {  # that tell how something was found, and nothing of the machine
+    "Attribution.other_structure",
+    "BaseRadii.assumed",
+    "BaselineWindow.interpolated",
+    "BaselineWindow.pattern_compared",
+    "LevelExcess.relative",
+    "PossibleCause.possible",
+    "RawLimit.decides_alone",
+    "RmsEstimate.converged",
+    "RmsEstimate.updated",
+    "SmallestSize.hidden",
+    "WindowAssessment.modelled",
+    "WindowAssessment.updated",
+}
+
+
+def test_every_flag_of_an_assessment_calls_something_new_in_the_status_too_or_says_nothing_of_the_machine():
+    kinds = [kind for kind in vars(assessment).values() if is_dataclass(kind)]
+    flags = {f"{kind.__name__}.{f.name}" for kind in kinds for f in fields(kind) if str(f.type).startswith("bool")}
+    assert flags == JUDGED | OTHERS
 
 
 @pytest.mark.parametrize("known", [modulation(new=False), modulation(healthy=None, new=None)])

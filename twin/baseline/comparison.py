@@ -188,11 +188,7 @@ def lines_without_shaft(rig: Rig, window: Window, name: str) -> LinesWithoutShaf
 
 def read_lines(rig: Rig, w: TrackedWindow, shafts: Sequence[Fraction]) -> WindowReading:
     """The lines of a window at the orders of its shafts, with the spacings of those that no shaft makes."""
-    seen = [
-        SpacingSeen(order=s.order / s.part, clearness=-s.log_chance, free=s.ratio is None)
-        for s in w.spacings
-        if s.ratio not in shafts
-    ]
+    seen = [SpacingSeen(order=s.order / s.part, clearness=-s.log_chance) for s in w.spacings if s.ratio not in shafts]
     return replace(read(rig, w.window, shafts, w.name, w.track), spacings=tuple(seen))
 
 
@@ -245,7 +241,7 @@ def _beside(lines: UnattributedLines, w: TrackedWindow, baseline: Baseline | Non
     if baseline is None:
         return lines
     here = read(baseline.rig, w.window, baseline.shafts, w.name, w.track)
-    seen = SpacingSeen(order=lines.order / lines.part, clearness=lines.clearness, free=lines.geared is None)
+    seen = SpacingSeen(order=lines.order / lines.part, clearness=lines.clearness)
     return replace(lines, healthy=showing(seen, here, baseline.readings), new=is_new(seen, here, baseline))
 
 

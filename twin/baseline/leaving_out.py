@@ -13,6 +13,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
+from scipy.stats import t as student
 
 from twin.baseline.alignment import align
 from twin.baseline.findings import DEFAULT as FINDINGS
@@ -43,6 +44,7 @@ from twin.baseline.repeats import (
     Repeats,
     RepeatThresholds,
     factors_of,
+    share_of,
 )
 from twin.baseline.turn_impacts import DEFAULT as IMPACT_LIMITS
 from twin.baseline.turn_impacts import turn_impacts
@@ -70,7 +72,7 @@ def repeats_of(baseline: Baseline, limits: RepeatThresholds = DEFAULT) -> Repeat
     found = Repeats(
         pattern=tuple(pattern.values()),
         unlike="" if least is None else baseline.readings[least].name,
-        pattern_compared=_is_compared(pattern),
+        pattern_compared=is_repeated(pattern),
     )
     folds = _folds(baseline.readings, limits)
     if len(folds) < DEFAULT.least_recordings:
@@ -120,7 +122,7 @@ def _false_alarms(
         if over:  # limits of the others are raised only by what they show themselves
             known = _factors_without(baseline, fold, list(without), limits)
             over = {key: r for key, r in over.items() if r > known.get(key, 1.0)}
-            if not _is_compared(_pattern(others)):
+            if not is_repeated(_pattern(others)):
                 over = {(kind, channel): r for (kind, channel), r in over.items() if kind not in BY_PATTERN}
         alarms += bool(over) or _is_unlike(baseline, others, fold)
         raw += (RAW, "") in over
@@ -142,7 +144,7 @@ def _is_unlike(baseline: Baseline, others: Baseline, fold: Fold) -> bool:
     if all(r.absolute for r in baseline.readings):
         return False
     alike = [c for i in fold if (c := _correlation(others, baseline.readings[i])) is not None]
-    return bool(alike) and float(np.median(alike)) <= FINDINGS.same_teeth and _is_compared(_pattern(others))
+    return bool(alike) and float(np.median(alike)) <= FINDINGS.same_teeth and is_repeated(_pattern(others))
 
 
 def _pattern(baseline: Baseline) -> dict[int, float]:
@@ -166,9 +168,13 @@ def _correlation(others: Baseline, reading: WindowReading) -> float | None:
     return None if found is None else found.correlation
 
 
-def _is_compared(pattern: Mapping[int, float]) -> bool:
-    """Whether every recording shows the pattern of the others as a new one would have to."""
-    return all(correlation > FINDINGS.same_teeth for correlation in pattern.values())
+def is_repeated(pattern: Mapping[int, float], limits: RepeatThresholds = DEFAULT) -> bool:
+    """Whether a new recording will show the pattern of the others, but for its share of false alarms."""
+    found = np.array(list(pattern.values()))
+    if found.size < limits.least_recordings:
+        return bool(np.all(found > FINDINGS.same_teeth))
+    t = student.isf(share_of(1, limits), found.size - 1)
+    return bool(found.mean() - t * found.std(ddof=1) * np.sqrt(1 + 1 / found.size) > FINDINGS.same_teeth)
 
 
 def _scores_of(others: Baseline, baseline: Baseline, fold: Fold) -> dict[Key, float]:

@@ -26,9 +26,9 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from twin.baseline.shaft_orders import own_multiples
 from twin.features.angle import AngleTrack
+from twin.features.end_of_range import samples_at_end_of_range
 from twin.features.resample import on_angle
 from twin.features.transforms import hann
-from twin.thresholds import deciding
 from twin.windows import Samples
 
 OCTAVES = 4  # whose envelopes are taken
@@ -44,21 +44,6 @@ FREE = (0.35, 12.0)  # orders of the pinion that impacts of no shaft are searche
 OWN_WIDTH = 2.5  # bins on either side that a line of the pair covers: half of Hann's main lobe, and what wander adds
 SILENCE = 1e-30  # level of a channel without any signal, in its unit
 LEAST = 1e-9  # of the level, below which a measure is cut off
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RailThresholds:
-    """When samples lie at a rail of the channel."""
-
-    piled: float = deciding(
-        4.0,
-        of="samples at the neighbouring value",
-        meaning="samples at an extreme value from which it is a rail",
-        source="derivation: the last step of a converter holds up to 2.4 times as many where the signal is one tone",
-    )
-
-
-RAIL = RailThresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +74,8 @@ def off_lines(samples: Samples, track: AngleTrack, shafts: Sequence[Fraction], t
     x = samples.values - np.nanmean(samples.values)
     x = np.where(np.isfinite(x), x, 0.0)
     size = max(float(np.sqrt(np.mean(x**2))), SILENCE)
-    extremes, run = _at_extremes(samples.values), _longest_run(samples.values)
+    finite = samples.values[np.isfinite(samples.values)]
+    extremes, run = samples_at_end_of_range(finite) / max(finite.size, 1), _longest_run(samples.values)
     if not x.any():
         level = np.array([np.log(size)])
         return OffLines(names=("level",), values=level, tones=(), free_order=0.0, clipped=extremes, constant=run)
@@ -196,22 +182,6 @@ def _free(orders: np.ndarray, lines: np.ndarray, shafts: Sequence[Fraction]) -> 
     score = np.mean([near[k * first] for k in range(1, COMB + 1)], axis=0)
     best = int(np.argmax(score))
     return float(score[best]), float(orders[first[best]])
-
-
-def _at_extremes(values: np.ndarray) -> float:
-    """Share of the samples that pile up at the largest or the smallest value.
-
-    The last step of a converter's range holds as many samples as the step beside it, or up to 2.4 times as many where
-    the signal is one tone; a rail holds all that lies beyond it.
-    """
-    finite = values[np.isfinite(values)]
-    if finite.size == 0 or np.ptp(finite) == 0:
-        return 0.0
-    levels, counts = np.unique(finite, return_counts=True)
-    if levels.size <= 2:
-        return 1.0
-    at_rail = [int(end) for end, beside in (counts[:2], counts[:-3:-1]) if end > RAIL.piled * beside]
-    return float(sum(at_rail)) / finite.size
 
 
 def _longest_run(values: np.ndarray) -> float:

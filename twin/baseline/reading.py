@@ -71,7 +71,6 @@ class SpacingSeen:
 
     order: float  # of the pinion's rotation
     clearness: float  # −ln of the probability that the search finds one as clear by chance
-    free: bool  # whether it is of no ratio of small numbers to the pinion's rotation
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -8,7 +8,8 @@
 s   standard deviation of ln r_i: the largest of n values has an exponential tail (Gumbel), which is carried on from the
     1/(n + 1) of the largest to the false alarms α that are meant
 
-The pattern of the teeth is compared where every recording left out shows it as a new one would have to.
+The pattern of the teeth is compared where, by the scatter of its correlation among the recordings left out, a new one
+will show it, too (prediction interval of a normal sample, one side).
 
 Source   E. J. Gumbel, Statistics of Extremes (1958); leaving out and exchangeable recordings: V. Vovk, A. Gammerman,
          G. Shafer, Algorithmic Learning in a Random World (2005)

@@ -13,18 +13,19 @@ A window without such rates, or without the line, speaks neither for the effect 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from twin.effects.backlash_rattle import BacklashRattle
-from twin.effects.bearing_defect import BearingDefect
 from twin.effects.response import Effect
 from twin.features.non_gear import NonGearFeatures
 from twin.tracing.detectors.non_gear import THRESHOLDS as RATES
 from twin.updating.history import WindowInput
 
+ORDER = "order"  # parameter of every effect that claims such content
 SWINGING = ("torque", "transmission_error")  # channels that show a swing, the first that is there
+
+Errors = tuple[float, float]  # of one window, without the effect and with it
 
 
 def content_change(
@@ -35,17 +36,20 @@ def content_change(
     windows  that took no part in its fit
     fitted   those that did
     """
-    if isinstance(effect, BearingDefect):
-        pairs = [_of_envelope(w.non_gear, effect.order) for w in windows if w.non_gear is not None]
-    elif isinstance(effect, BacklashRattle):
-        usual = [a for w in fitted if (a := _swing(w, effect.order)) is not None]
-        pairs = [_of_swing(_swing(w, effect.order), usual) for w in windows]
-    else:
-        raise TypeError(f"{type(effect).__name__} claims lines, which a steady state predicts")
+    pairs = CONTENT[effect.facts.claims](getattr(effect, ORDER), windows, fitted)
     return [before for before, _ in pairs], [after for _, after in pairs]
 
 
-def _of_envelope(seen: NonGearFeatures, order: float) -> tuple[float, float]:
+def _envelopes(order: float, windows: Sequence[WindowInput], fitted: Sequence[WindowInput]) -> list[Errors]:
+    return [_of_envelope(w.non_gear, order) for w in windows if w.non_gear is not None]
+
+
+def _swings(order: float, windows: Sequence[WindowInput], fitted: Sequence[WindowInput]) -> list[Errors]:
+    usual = [a for w in fitted if (a := _swing(w, order)) is not None]
+    return [_of_swing(_swing(w, order), usual) for w in windows]
+
+
+def _of_envelope(seen: NonGearFeatures, order: float) -> Errors:
     lowest, highest = RATES.sought_orders
     rates = np.array([(rate, depth) for rate, depth in seen.rates if rate > lowest]).reshape(-1, 2)
     if not rates.size:
@@ -73,7 +77,13 @@ def _swing(window: WindowInput, order: float) -> float | None:
     return None
 
 
-def _of_swing(amplitude: float | None, usual: Sequence[float]) -> tuple[float, float]:
+def _of_swing(amplitude: float | None, usual: Sequence[float]) -> Errors:
     if not amplitude or not usual:
         return 1.0, 1.0
     return 1.0, abs(amplitude - float(np.median(usual))) / amplitude
+
+
+CONTENT: Mapping[str, Callable[[float, Sequence[WindowInput], Sequence[WindowInput]], list[Errors]]] = {
+    "envelope": _envelopes,
+    "swing": _swings,
+}  # by what effects claim (twin/effects/facts.py); lines are predicted by a steady state
