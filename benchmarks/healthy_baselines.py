@@ -5,7 +5,8 @@
 40 machines of plain formulas (tests/claims/healthy_machines.py): ten whose teeth show no pattern that repeats, ten with
 foreign sidebands while healthy, ten with a sensor at its rail, ten without any of these; seven healthy recordings of a
 day each, and four faults of random size each. Then the measured sets that have more than one healthy recording, where
-they are (GEAR_TWIN_SHARED). The raw limit is that on RMS and kurtosis which stands beside every verdict.
+they are (GEAR_TWIN_SHARED). The raw limit is one on RMS and kurtosis alone, for as many false alarms as are meant of
+a whole verdict: twice those of the one that stands beside it and takes part in it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ from twin.baseline.comparison import (
 )
 from twin.baseline.learned import Baseline
 from twin.baseline.leaving_out import learn
-from twin.baseline.reading import WindowReading
+from twin.baseline.raw_limit import limit_on
+from twin.baseline.reading import WindowReading, raw_of
+from twin.baseline.repeats import DEFAULT as REPEATS
 from twin.errors import TwinError
 from twin.rig import Rig
 from twin.windows import Window
@@ -64,7 +67,9 @@ def judged(baseline: Baseline, rig: Rig, window: Window) -> Judged:
     except TwinError as error:
         found = compare_levels(baseline, rig, [window], str(error))
     changed = modulated or bool(found.effects) or found.unexplained.verdict == "unknown_effect"
-    return changed, bool(found.raw_limit.exceeded), found.raw_limit.decides_alone and not modulated
+    levels = {name: raw_of(samples.values) for name, samples in window.accelerations.items()}
+    raw = limit_on(baseline, [levels], REPEATS.false_alarms)
+    return changed, bool(raw.exceeded), found.raw_limit.decides_alone and not modulated
 
 
 def of_number(number: int) -> list[tuple[str, Judged]]:

@@ -36,8 +36,8 @@ def false_alarms(found: Mapping[str, Any]) -> str:
         return "False alarms: not known, too few recordings to leave one out; no verdict with this baseline is certain."
     return (
         f"False alarms: {found['false_alarms']} of {count} healthy recordings left out in turn are called changed, "
-        f"{found['raw_false_alarms']} by a limit on raw RMS and kurtosis (each limit is set for {meant} %). No verdict "
-        "with this baseline is more certain than that."
+        f"{found['raw_false_alarms']} by a limit on raw RMS and kurtosis (meant for a verdict: {meant} %, half by that "
+        "limit). No verdict with this baseline is more certain than that."
     )
 
 

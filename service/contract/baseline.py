@@ -103,7 +103,7 @@ class LeavingOut(ContractModel):
     recordings: int = Field(description="left out in turn, or parts of them; 0 where there are too few")
     false_alarms: int = Field(description="of these, called changed by limits of the others alone")
     raw_false_alarms: int = Field(description="of these, beyond the limit on raw RMS and kurtosis")
-    meant_percent: float = Field(description="false alarms that each limit is set for")
+    meant_percent: float = Field(description="false alarms that are meant of a verdict")
     compared: list[Compared]
 
     @classmethod

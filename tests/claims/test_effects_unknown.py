@@ -181,6 +181,19 @@ def test_the_entry_is_the_one_whose_channels_were_made(entry):
     assert found.kind == {"y6": "bearing", "th1": "shaft"}.get(entry, entry)
 
 
+@pytest.mark.parametrize(("entry", "size"), [("th1", 2000.0), ("th13", 5000.0), ("y6", 1e6), ("mesh", 0.1)])
+def test_no_place_is_named_that_would_need_a_tooths_displacement_or_far_more_than_the_load(entry, size):
+    """10 N·m of load, 0.25 kN in the mesh: what looks like 2 kN·m of the motor enters by a way of its own."""
+    windows = []
+    for i in range(4):
+        f = 61.3
+        made = transfers(model(), entry, [f])
+        channels = {c: (size * made[c][0] * np.exp(1j * i), 1e-4 * size * abs(made[c][0])) for c in CHANNELS}
+        windows.append(seen([reading(f, 10.0 + 0.1 * i, channels)], 10.0 + 0.1 * i, index=i))
+    found = entry_of(model(), followed_lines(windows), windows, Scales.of(model().rig))
+    assert found.kind != {"y6": "bearing", "mesh": "mesh"}.get(entry, "shaft")
+
+
 @pytest.mark.parametrize(("name", "power"), [("torque", (1, 0)), ("speed", (0, 2)), ("constant", (0, 0))])
 def test_the_law_is_told_where_speed_and_load_differ(name, power):
     conditions = [(10.0, 10.0), (13.0, 7.0), (10.0, 10.2), (13.1, 7.1), (9.9, 9.9)]

@@ -6,7 +6,7 @@ y   logarithm of the RMS, or of the kurtosis, of one accelerometer; ȳ, s their 
     healthy windows
 n   healthy recordings: windows of one source, day and load are one
 M   measures, two of each accelerometer
-α   false alarms that are meant, of all measures together
+α   false alarms that are meant, of all measures together: half of those of a verdict
 
 Nothing of the machine enters: neither shafts nor load, and sensors at their rail, too. Where healthy recordings that
 are left out in turn exceed the limit, it is raised as every other one (repeats.py).
@@ -29,7 +29,7 @@ from twin.baseline.operating import DEFAULT as OPERATING
 from twin.baseline.operating import distance_beyond
 from twin.baseline.reading import WindowReading
 from twin.baseline.recordings import recording_of
-from twin.baseline.repeats import DEFAULT, RAW, RepeatThresholds
+from twin.baseline.repeats import DEFAULT, RAW
 
 NAMES = ("rms", "kurtosis")
 LEAST_SCATTER = 1e-6  # of a logarithm, below which values are the same
@@ -57,14 +57,14 @@ def raw_limit(baseline: Baseline, windows: Sequence[WindowReading]) -> RawLimit:
     points = np.array([baseline.operating_point(r) for r in baseline.readings])
     if all(distance_beyond(points, baseline.operating_point(r)) > OPERATING.far for r in windows):
         beyond = "the operating point lies beyond those of the healthy recordings"
-        return RawLimit(measures=(), false_alarms=DEFAULT.false_alarms, not_compared=beyond)
+        return RawLimit(measures=(), false_alarms=DEFAULT.half, not_compared=beyond)
     return limit_on(baseline, [r.raw for r in windows])
 
 
-def limit_on(baseline: Baseline, windows: Sequence[Raw]) -> RawLimit:
-    """Raw measures of windows of any load beside their limits."""
-    meant, factor = DEFAULT.false_alarms, baseline.repeats.factor(RAW)
-    learned = _learned(baseline, DEFAULT)
+def limit_on(baseline: Baseline, windows: Sequence[Raw], meant: float = DEFAULT.half) -> RawLimit:
+    """Raw measures of windows of any load beside their limits, for so many false alarms."""
+    factor = baseline.repeats.factor(RAW)
+    learned = _learned(baseline, meant)
     reason = _reason(learned, factor)
     if reason:
         return RawLimit(measures=(), false_alarms=meant, not_compared=reason)
@@ -86,20 +86,20 @@ def limit_on(baseline: Baseline, windows: Sequence[Raw]) -> RawLimit:
 def raw_over(baseline: Baseline, windows: Sequence[WindowReading]) -> float | None:
     """The measure of some windows that is most over its limit, none of it raised; None where there is no limit."""
     found = []
-    for one in _learned(baseline, DEFAULT):
+    for one in _learned(baseline, DEFAULT.half):
         values = [r.raw[one.channel][NAMES.index(one.name)] for r in windows if one.channel in r.raw]
         if values and min(values) > 0:
             found.append(one.over(values))
     return max(found, default=None)
 
 
-def _learned(baseline: Baseline, limits: RepeatThresholds) -> list[_Learned]:
+def _learned(baseline: Baseline, false_alarms: float) -> list[_Learned]:
     """Every measure that all healthy windows have; none with too few recordings."""
     count = len(set(recording_of(baseline.readings)))
     channels = set.intersection(*(set(r.raw) for r in baseline.readings))
     if count < DEFAULT.least_recordings or not channels:
         return []
-    t = float(student.isf(limits.false_alarms / (2 * len(NAMES) * len(channels)), count - 1))
+    t = float(student.isf(false_alarms / (2 * len(NAMES) * len(channels)), count - 1))
     out = []
     for channel in sorted(channels):
         for i, name in enumerate(NAMES):

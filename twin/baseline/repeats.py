@@ -39,7 +39,7 @@ class RepeatThresholds:
     """False alarms that are meant, and when the healthy recordings repeat something."""
 
     false_alarms: float = deciding(
-        0.01, of="healthy recordings", meaning="false alarms of all limits together, and of the raw one by itself",
+        0.01, of="healthy recordings", meaning="false alarms of a verdict, half by raw levels, half by all else",
         source="convention: one in a hundred",
     )  # fmt: skip
     most_beyond: float = deciding(
@@ -54,6 +54,11 @@ class RepeatThresholds:
         8, meaning="parts of the recordings that are left out in turn", unit="parts",
         source="not derived: 36 baselines are learned for it, some seconds",
     )  # fmt: skip
+
+    @property
+    def half(self) -> float:
+        """False alarms of the raw limit, and of all else that is compared."""
+        return self.false_alarms / 2
 
 
 DEFAULT = RepeatThresholds()
@@ -85,8 +90,8 @@ NOTHING_LEFT_OUT = Repeats()
 
 
 def share_of(measures: int, limits: RepeatThresholds = DEFAULT) -> float:
-    """False alarms of one measure among so many of its kind."""
-    return limits.false_alarms / (len(KINDS) * max(measures, 1))
+    """False alarms of one measure among so many of its kind; the raw measures have half of all for themselves."""
+    return limits.half / (len(KINDS) * max(measures, 1))
 
 
 def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds = DEFAULT) -> dict[Key, float]:
@@ -96,7 +101,7 @@ def factors_of(scores: Sequence[Mapping[Key, float]], limits: RepeatThresholds =
     return {
         (kind, channel): factor_of(
             [one[kind, channel] for one in scores if (kind, channel) in one],
-            limits.false_alarms if kind == RAW else share_of(of_kind[kind], limits),
+            limits.half if kind == RAW else share_of(of_kind[kind], limits),
             limits,
         )
         for kind, channel in sorted(keys)

@@ -9,7 +9,8 @@ excitation, whose size is free in every window; each other channel c then says
 s   what the machine's structure may differ from the model's, common to all windows
 σ   standard deviation of a line's real and imaginary part
 
-Places of one kind (the bearings, say) share the evidence of their kind evenly. The level at the entry is then compared
+A place where the lines would need an impossible size is none. Places of one kind (the bearings, say) share
+the evidence of their kind evenly. The level at the entry is then compared
 with a constant, the torque, the square of the speed, and steady growth.
 
 Source   Gaussian errors; Bayes' theorem for the kinds, as likely before; Schwarz's −½·ln n for a free number
@@ -57,6 +58,12 @@ class EntryThresholds:
     )
     torque_floor: float = deciding(
         0.5, of="torque noise floor", meaning="least standard deviation of a line of the torque", source="chosen"
+    )
+    largest: float = deciding(
+        5.0,
+        of="mean torque, and of its force at the base circle",
+        meaning="amplitude of a torque, and of a force at a bearing, beyond which a place is impossible",
+        source="derivation: teeth separate beyond one; five, because the inertia between is not certain",
     )
     told: float = deciding(
         3.0, unit="nat", meaning="evidence between two entries, or two laws, that tells them apart", source="1 to 20"
@@ -114,7 +121,9 @@ def entry_of(
         "torque": limits.torque_floor * scales.torque_noise,
     }
     by_place = {
-        place: sum(_evidence(model, place, line, windows, floor, limits.structure) for line in lines)
+        place: -np.inf
+        if any(_impossible(model, place, line, windows, scales, limits.largest) for line in lines)
+        else sum(_evidence(model, place, line, windows, floor, limits.structure) for line in lines)
         for places in KINDS.values()
         for place in places
     }
@@ -132,6 +141,24 @@ def entry_of(
         alike=tuple(kind for kind in ranked[1:] if by_kind[best] - by_kind[kind] < limits.told),
         compared=compared,
     )
+
+
+def _impossible(
+    model: Model, place: str, line: FollowedLine, windows: Sequence[SeenWindow], scales: Scales, largest: float
+) -> bool:
+    """Whether a line would need a displacement of a whole tooth, or a torque or force far beyond the load's."""
+    if place in CHANNELS:
+        return False
+    made = np.abs(transfers(model, place, [r.frequency for _, r in line.at])[line.channel])
+    seen = np.array([abs(r.amplitude(line.channel) or 0.0) for _, r in line.at])
+    mean = np.abs(np.array([windows[i].torque for i, _ in line.at]))
+    force = 1 / model.mesh.pair.base_radius[0]
+    most = (
+        np.full(mean.size, scales.base_pitch)
+        if place == "mesh"
+        else largest * mean * (1.0 if place in TORQUES else force)
+    )
+    return bool(np.median(seen - made * most) > 0)
 
 
 def _evidence(
