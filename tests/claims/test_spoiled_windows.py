@@ -54,3 +54,12 @@ def test_one_window_of_another_gain_gives_no_name_and_no_verdict_that_all_is_wel
     said = answered(given)
     assert not [e for e in said["effects"] if e["name"] not in ("sensor_gain", "unknown_effect")]
     assert said["status"]["level"] != "normal"
+
+
+def test_last_window_of_another_gain_is_told_as_content_of_the_accelerometer():
+    _, windows = sound()
+    last = windows[-1]
+    louder = {n: replace(s, values=3.0 * s.values) for n, s in last.accelerations.items()}
+    said = answered([*windows[:-1], replace(last, accelerations=louder)])
+    assert not {e["name"] for e in said["effects"]} - {"unknown_effect"} and said["status"]["level"] != "normal"
+    assert said["unexplained"]["verdict"] == "unknown_effect" and "the accelerometer" in said["unexplained"]["reason"]

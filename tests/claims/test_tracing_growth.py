@@ -35,10 +35,13 @@ def friction(law=CONSTANT, **more):
     )
 
 
-def quotients(drift=0.0, onset=0.0, seed=1, shared=0.01):
-    """Four lines in eight windows, each with its own offset: a common ramp, and what each window shares by chance."""
+def quotients(drift=0.0, onset=0.0, seed=1, shared=0.01, foreign=0.3):
+    """Four lines in eight windows, each with its own offset: a common ramp, and what each window shares by chance.
+
+    foreign  how far the path at a line lies from that of the model, as a logarithm
+    """
     rng = np.random.default_rng(seed)
-    offset, common = rng.normal(0, 0.3, 4), shared * rng.normal(size=TURNS.size)
+    offset, common = rng.normal(0, foreign, 4), shared * rng.normal(size=TURNS.size)
     ramp = drift * np.maximum(TURNS - onset, 0) / (TURNS[-1] - onset)
     return [
         Quotient(
@@ -121,6 +124,15 @@ def test_drift_of_the_gain_is_found_with_its_size():
         found = gain_change(quotients(0.3, seed=seed), 0.2)
         assert found is not None and found.law.kind == "linear"
         assert np.log(found.gain) == pytest.approx(0.3, abs=3 * found.std)
+
+
+@pytest.mark.parametrize(("foreign", "drift"), [(1.0, 0.3), (1.5, -0.3), (2.5, 0.2)])
+def test_drift_of_the_gain_is_found_on_a_structure_that_is_another_at_every_line(foreign, drift):
+    for seed in range(10):
+        found = gain_change(quotients(drift, seed=seed, foreign=foreign), 0.2)
+        assert found is not None and found.law.kind == "linear"
+        assert np.log(found.gain) == pytest.approx(drift, abs=3 * found.std)
+        assert gain_drift(quotients(0.0, seed=seed, foreign=foreign), 0.2) is None
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.02])

@@ -169,6 +169,33 @@ def test_a_line_that_begins_is_told_from_the_discs_by_its_change():
     assert found(made, count=6, first=3, disc=1.0, seed=3) != () and found(made, count=6, disc=1.0, seed=3) == ()
 
 
+def beside_teeth(teeth, order, sizes, seed=0):
+    """Windows of teeth that differ by `teeth` [m], with a torque of the pinion of these sizes [N·m] beside them."""
+    rng, count = np.random.default_rng(seed), len(sizes)
+    sound = windows({("mesh", p): teeth * rng.uniform(0.3, 1) for p in range(1, 11)}, count=count, seed=seed)
+    out = []
+    for i, (window, size) in enumerate(zip(sound, sizes, strict=True)):
+        driven = windows({("th1", order): size}, count=count, seed=seed + 50)[i]
+        both = {}
+        for name in NAMES.values():
+            one, other = getattr(window, name), getattr(driven, name)
+            summed = tuple(a + b for a, b in zip(one.amplitudes, other.amplitudes, strict=True))
+            both[name] = replace(one, amplitudes=summed)
+        out.append(replace(window, **both))
+    return out
+
+
+@pytest.mark.parametrize("teeth", [3e-6, 1e-5])
+@pytest.mark.parametrize(("order", "sizes", "since"), [
+    (3, (0, 0, 0, 0.5, 0.5, 0.5), 3), (2, (0, 0, 1, 1, 1, 1), 2), (3, (0, 0.1, 0.2, 0.3, 0.4, 0.5), 0),
+])  # fmt: skip
+def test_a_ripple_that_begins_late_or_grows_is_a_torque_line_beside_teeth_that_differ(teeth, order, sizes, since):
+    lines = shaft_lines(model(), beside_teeth(teeth, order, sizes), SCALES)
+    (torque,) = (line for line in lines if line.channel == "torque")
+    assert {line.order for line in lines} == {order} and since - 1 <= torque.since <= since
+    assert shaft_lines(model(), beside_teeth(teeth, order, [0.0] * 6), SCALES) == ()
+
+
 # ------------------------------------------------------------------------------------------ steps of the mean
 
 
