@@ -333,7 +333,7 @@ def judged(item: AttributedEffect, errors: EffectErrors, limits: EarnedLimits = 
     ]
     merit = max((c.fall / max(c.std, 1e-12) for c in claimed), default=-np.inf)
     if not falling:
-        return Judgement(kind="refused", reason=_unimproved(errors.changes, claimed), merit=merit)
+        return Judgement(kind="refused", reason=_unimproved(claimed), merit=merit)
     if rising:
         return Judgement(kind="refused", reason=f"{_said(rising[0])} rises with it", merit=merit)
     rivals = _rivals(item, errors.changes, limits)
@@ -367,10 +367,10 @@ def _ratio(change: ChannelChange) -> float:
     return float(np.log(max(change.before, tiny) / max(change.after, tiny)))
 
 
-def _unimproved(changes: Sequence[ChannelChange], claimed: Sequence[ChannelChange]) -> str:
-    shown = claimed or changes
-    best = max(shown, key=lambda c: c.fall)
-    return f"{_said(best)} does not fall with it"
+def _unimproved(claimed: Sequence[ChannelChange]) -> str:
+    if not claimed:
+        return "it moves the lines of no channel on held-out windows by more than healthy machines scatter by"
+    return f"{_said(max(claimed, key=lambda c: c.fall))} does not fall with it"
 
 
 def _said(change: ChannelChange) -> str:
