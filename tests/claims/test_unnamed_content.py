@@ -268,3 +268,29 @@ def test_pairs_about_a_mesh_line_are_its_sidebands_and_no_lines_of_their_own():
     pair, alone = ((38.4, 0.5), (37.6, 0.45)), ((38.4, 0.5),)
     seen = [[(1000.0 * n, beside(lines=lines)) for n in range(5)] for lines in (pair, alone)]
     assert [find_non_gear_content(w, False, teeth=TEETH).orders for w in seen] == [(), alone]
+
+
+def with_ripple(size_at, order, since=400.0):
+    """The healthy context with a torque of the pinion at an order; its size [N·m] at each count of revolutions."""
+    context, driven = healthy(), []
+    for w in context.windows:
+        lines = w.features.torque
+        size = size_at(w.features.revolutions) if w.features.revolutions > since else 0.0
+        made = transfers(context.model, "th1", [order * w.condition.speed_hz])["torque"][0]
+        at = lines.keys.index((0, order, 0))
+        values = tuple(y + size * made * (n == at) for n, y in enumerate(lines.amplitudes))
+        features = replace(w.features, torque=replace(lines, amplitudes=values))
+        driven.append(replace(w, given=replace(w.given, features=features)))
+    return replace(context, windows=tuple(driven))
+
+
+@pytest.mark.parametrize(("size_at", "order", "moves"), [
+    (lambda n: 3e-3 * n, 3, "grows by"),
+    (lambda n: 3e-3 * (n - 300), 4, "grows by"),
+    (lambda n: 8.0 - 2.5e-3 * n, 5, "falls by"),
+    (lambda n: 5.0, 3, "stays the same"),
+])  # fmt: skip
+def test_of_a_torque_ripple_without_a_name_it_is_said_whether_it_grows(size_at, order, moves):
+    said = unknown.detect(with_ripple(size_at, order)).non_gear.unnamed
+    assert f"order {order}" in said and "N·m" in said and f"its level {moves}" in said
+    assert ("in 1000 revolutions" in said) is (moves != "stays the same")

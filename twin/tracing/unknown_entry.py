@@ -248,10 +248,11 @@ def law_of(
 
 def _levels(a: np.ndarray, line_of: np.ndarray, factor: np.ndarray, count: int) -> tuple[np.ndarray, float]:
     """Level of each line under a law (count,), and the relative scatter of the windows about it."""
-    logs = np.log(np.maximum(a, 1e-300) / np.maximum(factor, 1e-6))
-    means = np.array([logs[line_of == n].mean() for n in range(count)])
-    free = max(a.size - count, 1)
-    return np.exp(means), float(np.sqrt(((logs - means[line_of]) ** 2).sum() / free))
+    sums = [np.bincount(line_of, weights=values, minlength=count) for values in (a * factor, factor**2, a)]
+    sizes = sums[0] / np.maximum(sums[1], 1e-12)
+    mean = np.maximum(sums[2] / np.bincount(line_of, minlength=count), 1e-300)
+    relative = (a - sizes[line_of] * factor) / mean[line_of]
+    return sizes, float(np.sqrt((relative**2).sum() / max(a.size - count, 1)))
 
 
 def _growth(a: np.ndarray, line_of: np.ndarray, turns: np.ndarray, count: int) -> float:

@@ -36,7 +36,6 @@ LAW_NAMES = {
     "constant": "its level stays the same",
     "torque": "its level grows in proportion to the torque",
     "speed": "its level grows with the square of the speed",
-    "growth": "its level grows with the revolutions",
 }
 NTH = {"2": "second", "3": "third"}
 OF_MESH = 0.02  # orders beside a half or third of the mesh order that are one
@@ -99,10 +98,11 @@ def _where(entry: Entry, line: FollowedLine) -> str:
 
 
 def _how(law: Law) -> str:
-    text = f"{LAW_NAMES[law.name]} to within {100 * max(law.scatter, 0.005):.1g} %"
+    grows = f"its level {'grows' if law.growth > 0 else 'falls'} by {1e5 * abs(law.growth):.2g} % in 1000 revolutions"
+    text = f"{LAW_NAMES.get(law.name, grows)} to within {100 * max(law.scatter, 0.005):.1f} %"
     if law.alike:
         others = {"constant": "stays the same", "torque": "follows the torque", "speed": "follows the speed"}
-        others["growth"] = "grows"
+        others["growth"] = "changes steadily"
         listed = " or ".join(others[name] for name in law.alike)
         text += f" (the windows differ too little to exclude that it {listed})"
     return text
@@ -174,7 +174,7 @@ def of_mean_step(step: MeanStep) -> str:
     )
 
 
-def of_shaft(lines: Sequence[ShaftLine], entry: Entry, first: FollowedLine, onset: float) -> str:
+def of_shaft(lines: Sequence[ShaftLine], entry: Entry, law: Law, first: FollowedLine, onset: float) -> str:
     """Lines of a force at orders of the pinion in a sentence, with what is known to make them."""
     orders = sorted({line.order for line in lines})
     listed = f"order {orders[0]}" if len(orders) == 1 else f"orders {', '.join(map(str, orders[:-1]))} and {orders[-1]}"
@@ -187,7 +187,7 @@ def of_shaft(lines: Sequence[ShaftLine], entry: Entry, first: FollowedLine, onse
     return (
         f"lines at {listed} of the pinion's shaft that no displacement of the teeth makes: "
         f"a force that turns with the shaft{known_makers({line.channel for line in lines}, len(orders))}, with "
-        f"{' and '.join(sizes)}; {_where(entry, first)}; {_since(onset)}"
+        f"{' and '.join(sizes)}; {_where(entry, first)}; {_how(law)}; {_since(onset)}"
     )
 
 

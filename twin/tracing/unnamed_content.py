@@ -23,7 +23,7 @@ from twin.tracing.context import TracingContext
 from twin.tracing.findings import Findings, NonGearContent
 from twin.tracing.mean_step import mean_step
 from twin.tracing.shaft_remainder import ShaftLine, disc_error, shaft_lines
-from twin.tracing.unknown_entry import entry_of
+from twin.tracing.unknown_entry import entry_of, law_of
 from twin.tracing.unknown_lines import FollowedLine, SeenWindow
 from twin.tracing.unknown_words import of_light_noise, of_mean_step, of_shaft
 
@@ -64,7 +64,8 @@ def with_unnamed(
         followed = _followed(lines, windows, context)
         entry = entry_of(model, followed, windows, context.scales)
         onset = _onset(min(line.since for line in lines), windows)
-        clear.append(of_shaft(lines, entry, followed[0], onset))
+        law = law_of(model, entry.place, followed, windows)
+        clear.append(of_shaft(lines, entry, law, followed[0], onset))
         heard = tuple((float(line.order), line.level) for line in lines if line.channel == "acceleration")
         unheard = {line.order for line in lines} - {round(order) for order, _ in heard}
         content = replace(content, forces=(*heard, *((float(p), None) for p in sorted(unheard))))
