@@ -145,7 +145,7 @@ def _new(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding
                 subject="unattributed_lines",
                 level="watch",
                 reason=f"Lines {lines.frequency:.3g} Hz beside those of the mesh are new, and belong to no shaft.",
-                action=f"Look for what turns {lines.frequency:.3g} times a second in the machine or nearby.",
+                action=f"Find what turns {lines.frequency:.3g} times a second in the machine or nearby.",
             )
     raw = None if found.baseline is None else found.baseline.raw_limit
     for measure in () if raw is None else raw.exceeded:
