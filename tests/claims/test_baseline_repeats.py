@@ -182,24 +182,25 @@ def test_dead_time_of_healthy_recordings_is_not_learned_from():
     assert known.not_learned[0].name == "sensor_dead_time"
 
 
-def test_copies_of_one_recording_count_once():
-    """One file copied five times counted as five recordings."""
-    one = readings(PLAIN)[0]
-    copies = [replace(one, name=f"copy{i}#0", start_time_ns=i * 10**15) for i in range(5)]
-    with pytest.raises(ParameterError, match="has the same samples as copy0#0 and counts once"):
+@pytest.mark.parametrize("of", [(0, 0, 0, 0, 0), (0, 0, 1, 1, 0), (2, 1, 2, 1)])
+def test_copies_of_one_recording_count_once(of):
+    """One file copied five times counted as five recordings; of others, two were copied in turn."""
+    copies = [replace(readings(PLAIN)[n], name=f"copy{i}#0", start_time_ns=i * 10**15) for i, n in enumerate(of)]
+    with pytest.raises(ParameterError, match=r"has the same samples as copy\d#0 and counts once"):
         learn(PLAIN.rig, copies, pair_shafts(PLAIN.rig))
     known = learn(PLAIN.rig, [*readings(PLAIN)[:3], *copies], pair_shafts(PLAIN.rig))
-    assert known.counted.recordings == 3 and len(known.copies) == 5
+    assert known.counted.recordings == 3 and len(known.copies) == len(of)
     assert "counts once" in learned_text(Contract.of(described(known)).as_json())
 
 
-def test_windows_of_one_file_of_two_minutes_are_one_recording():
+@pytest.mark.parametrize("windows", [5, 6, 12])
+def test_windows_of_one_file_of_two_minutes_are_one_recording(windows):
     """Twelve windows of one file were twelve recordings, enough to judge teeth."""
     shafts = pair_shafts(PLAIN.rig)
-    parts = [read_lines(PLAIN.rig, window(PLAIN, 0, f"long#{i}", part=i), shafts) for i in range(6)]
+    parts = [read_lines(PLAIN.rig, window(PLAIN, 0, f"long#{i}", part=i), shafts) for i in range(windows)]
     assert counted(parts).recordings == 1 and counted(readings(PLAIN)).recordings == RECORDINGS
     known = learn(PLAIN.rig, parts, shafts)
-    assert "1 of at least 5 recordings (6 windows" in thin_for_teeth(known)
+    assert f"1 of at least 5 recordings ({windows} windows" in thin_for_teeth(known)
     found = compare_with_baseline(known, PLAIN.rig, [window(PLAIN, 9, "new#0")])
     assert found.unexplained.verdict != "explained"
     assert found.raw_limit.not_compared  # one recording shows no scatter from one to the next

@@ -58,6 +58,16 @@ def once_a_gear_turn(size):
     return size * (np.abs(ORDERS - GEAR) < 1e-9)
 
 
+@pytest.mark.parametrize(("order", "words"), [
+    (1.0, "once a turn of the pinion"), (2.0, "2 times a turn of the pinion"), (2 * GEAR, "2 times a turn of the gear"),
+])  # fmt: skip
+def test_a_line_of_any_turn_of_a_disc_is_told_with_its_order_and_size(order, words):
+    lines = lines_left([compared(encoder=30e-6 * (np.abs(ORDERS - order) < 1e-9))] * 2, history([1e-6] * 4))
+    assert [(line.channel, round(line.order, 4)) for line in lines] == [("encoder", round(order, 4))]
+    said = sentence(RIG, lines, history([1e-6] * 4))
+    assert words in said and "30 µm" in said and "disc" in said
+
+
 def test_a_line_of_the_encoders_alone_may_be_the_discs_own_and_no_gear_is_named():
     seen = [compared(encoder=once_a_gear_turn(40e-6))] * 2
     lines = lines_left(seen, history([40e-6] * 4))

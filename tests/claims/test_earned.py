@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tests.held_out_windows import MESH, RIPPLE, SILENT, lines, window
 from tests.mesh_pairs import UNSW_RIG
@@ -11,6 +12,7 @@ from twin.effects import EFFECTS
 from twin.features.non_gear import NonGearFeatures
 from twin.rig import Rig
 from twin.tracing.attribution import AttributedEffect
+from twin.tracing.detectors.tooth_errors import _ToothFit
 from twin.tracing.earned import DISC, _changes, _sizes, asked_again, implausible, judged, refusal_of
 from twin.tracing.held_out_content import content_change
 from twin.tracing.held_out_error import ChannelComparison, HeldOutComparison
@@ -67,8 +69,13 @@ def test_effect_that_no_window_could_test_is_suspected():
     assert judged(effect("torque_ripple", 0.2, 0.01), EffectErrors(before=None, after=None)).kind == "suspected"
 
 
-def test_effect_that_moves_no_line_beyond_its_scatter_claims_nothing_and_is_refused():
-    assert judged(effect("torque_ripple", 0.2, 0.01), errors(rippled(0.01, 4))).kind == "refused"
+@pytest.mark.parametrize(("name", "size"), [
+    ("torque_ripple", 0.2), ("profile_error", 1e-5), ("misalignment", 2e-5), ("gear_eccentricity", 3e-5),
+])  # fmt: skip
+@pytest.mark.parametrize("share", [0.0, 0.01])
+def test_effect_that_moves_no_line_beyond_its_scatter_claims_nothing_and_is_refused(name, size, share):
+    """Profile errors were added beside a run-out of the gear, though neither held-out error changed."""
+    assert judged(effect(name, size, 0.01 * size), errors(rippled(share, 4))).kind == "refused"
 
 
 def with_acceleration(pairs, without, present, measured):
@@ -82,10 +89,11 @@ def with_acceleration(pairs, without, present, measured):
     ]
 
 
-def test_effect_by_which_another_channel_rises_more_than_its_own_falls_is_refused():
+@pytest.mark.parametrize(("without", "present"), [(0.6, 0.2), (0.9, 0.3), (0.5, 1.6)])
+def test_effect_by_which_another_channel_rises_more_than_its_own_falls_is_refused(without, present):
     """A misalignment of a path that is no linear structure: the level fell, the waveform went from 47 to 48 %."""
     heard = np.array([0.0, 0.0, 3.0, 2.0])
-    pairs = with_acceleration(rippled(0.1, 3, noise=1e-3), 0.6 * heard, 0.2 * heard, heard)
+    pairs = with_acceleration(rippled(0.1, 3, noise=1e-3), without * heard, present * heard, heard)
     verdict = judged(effect("torque_ripple", 0.2, 0.01), errors(pairs))
     assert verdict.kind == "refused" and "acceleration" in verdict.reason
 
@@ -135,6 +143,31 @@ def test_chance_of_an_amplitude_with_a_free_phase_is_that_of_rayleighs_distribut
 )
 def test_size_that_chance_gives_in_more_than_one_of_a_hundred_healthy_machines_is_no_finding(name, value, std):
     assert "by chance" in implausible(RIG, effect(name, value, std))
+
+
+def pitch_errors(rms, std, chance):
+    teeth = EFFECTS["pitch_error"](pinion=tuple(rms * np.cos(np.arange(19))))
+    return AttributedEffect.of(teeth, parameters={"pinion_rms": (rms, "m", std)}, log_evidence=6007.0, chance=chance)
+
+
+@pytest.mark.parametrize(("rms", "std", "chance"), [
+    (0.29e-6, 0.21e-6, 0.16), (0.36e-6, 0.34e-6, 0.6), (2e-6, 1.5e-6, 0.02),
+])  # fmt: skip
+def test_pitch_errors_that_noise_gives_are_no_finding_whatever_their_evidence(rms, std, chance):
+    assert "by chance" in implausible(RIG, pitch_errors(rms, std, chance))
+    assert implausible(RIG, pitch_errors(10 * rms, std, 1e-5)) is None
+
+
+def test_pitch_errors_fitted_to_noise_stand_out_from_it_in_no_more_than_one_case_of_a_hundred():
+    """Teeth fitted to lines of nothing but noise, by the least squares of the detector."""
+    rng, z, lines = np.random.default_rng(4), 19, 60
+    response = rng.normal(size=(2 * lines, z))
+    fit = _ToothFit(
+        gear=0, pattern=None, matrix=np.concatenate((response, 1e-3 * np.eye(z))), std=np.ones(lines)
+    )  # fmt: skip
+    noise = rng.normal(size=(2000, lines)) + 1j * rng.normal(size=(2000, lines))
+    chances = [chi2.sf(fit.explained(fit.correction(rest, np.zeros(z))), z - 1) for rest in noise]
+    assert np.mean(np.array(chances) < 0.01) <= 0.015
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,22 @@ def window(speed=SPEED, seconds=SECONDS, turn=1000.25, **without):
     return Window(start_time_ns=1_700_000_000_000_000_000, **(channels | without))
 
 
+@pytest.mark.parametrize(("top", "harmonic"), [(4000.0, 18), (3000.0, 14), (4800.0, 22)])
+def test_lines_and_tones_are_read_to_the_end_of_the_declared_band(rig, top, harmonic):
+    """A mount's resonance at 3.4 kHz, in a band to 4 kHz, was in no figure: lines were read to 2.2 kHz."""
+    wide = Rig.from_mapping({**rig.values, "sensors": {**rig.values["sensors"], "band_hz": [0.0, top]}})
+    given = window()
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    tone = 0.9 * top + 0.4
+    high = 2 * np.cos(19 * harmonic * 2 * np.pi * (1000.25 + SPEED * t)) + 0.5 * np.cos(2 * np.pi * tone * t)
+    sensor = given.accelerations["y6"]
+    given = replace(given, accelerations={"y6": replace(sensor, values=sensor.values + high)})
+    assert extract(wide, given).acceleration.get(harmonic) == pytest.approx(2, abs=0.02)
+    assert extract(rig, given).acceleration.get(harmonic) is None
+    beside = non_gear_features(wide, given)
+    assert min(abs(line.frequency - tone) for line in beside.readings) < 1.0
+
+
 def test_every_feature_of_a_complete_window_is_there(rig):
     found = extract(rig, window())
     assert found.unavailable == {}

@@ -160,11 +160,12 @@ def test_modulation_is_named_by_shaft_and_times(shaft, multiple, times):
     assert f"modulated {times} per turn of the {shaft}" in status.reasons[0]
 
 
-def test_strongest_reason_is_first():
+@pytest.mark.parametrize(("times", "depth"), [(1.10, 0.337), (1.05, 0.12), (1.3, 0.52)])
+def test_strongest_reason_is_first(times, depth):
     """Peaks 1.10 times the healthy ones stood above a new modulation of 34 % of the mesh lines."""
-    peaks = with_errors("mesh_change", 1.0, 1 / 1.10)
-    status = status_of(replace(COMPARED, effects=(peaks,), modulation=(modulation(0.337),)))
-    assert "33.7 %" in status.reasons[0] and "Mesh change" in status.reasons[1]
+    peaks = with_errors("mesh_change", 1.0, 1 / times)
+    status = status_of(replace(COMPARED, effects=(peaks,), modulation=(modulation(depth),)))
+    assert f"{100 * depth:.3g} %" in status.reasons[0] and "Mesh change" in status.reasons[1]
     deep = status_of(replace(COMPARED, effects=(with_errors("mesh_change", 1.0, 0.05),), modulation=(modulation(0.1),)))
     assert "Mesh change" in deep.reasons[0]
 
