@@ -182,11 +182,11 @@ def test_dead_time_of_healthy_recordings_is_not_learned_from():
     assert known.not_learned[0].name == "sensor_dead_time"
 
 
-@pytest.mark.parametrize("of", [(0, 0, 0, 0, 0), (0, 0, 1, 1, 0), (2, 1, 2, 1)])
+@pytest.mark.parametrize("of", [(0, 0, 0, 0, 0), (1, 1, 1), (2, 2, 2, 2, 2, 2, 2)])
 def test_copies_of_one_recording_count_once(of):
-    """One file copied five times counted as five recordings; of others, two were copied in turn."""
+    """One file copied five times counted as five recordings."""
     copies = [replace(readings(PLAIN)[n], name=f"copy{i}#0", start_time_ns=i * 10**15) for i, n in enumerate(of)]
-    with pytest.raises(ParameterError, match=r"has the same samples as copy\d#0 and counts once"):
+    with pytest.raises(ParameterError, match="has the same samples as copy0#0 and counts once"):
         learn(PLAIN.rig, copies, pair_shafts(PLAIN.rig))
     known = learn(PLAIN.rig, [*readings(PLAIN)[:3], *copies], pair_shafts(PLAIN.rig))
     assert known.counted.recordings == 3 and len(known.copies) == len(of)
