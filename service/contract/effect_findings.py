@@ -144,7 +144,7 @@ def _new(found: assessment.Assessment, limits: StatusLimits) -> Iterator[Finding
             yield Finding(
                 subject="unattributed_lines",
                 level="watch",
-                reason=f"Lines {lines.frequency:.3g} Hz beside those of the mesh are new, and belong to no shaft.",
+                reason=f"Lines {lines.frequency:.3g} Hz from those of the mesh are new, and belong to no shaft.",
                 action=f"Find what turns {lines.frequency:.3g} times a second in the machine or nearby.",
             )
     raw = None if found.baseline is None else found.baseline.raw_limit

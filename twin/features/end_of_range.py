@@ -24,7 +24,7 @@ class RailThresholds:
     least: int = deciding(
         5, unit="samples", meaning="samples at an extreme value from which it is a rail",
         source="measured: of 7500 records of noise in coarse steps none has five at an extreme and four times fewer "
-        "beside it",
+        "at the value next to it",
     )  # fmt: skip
 
 
