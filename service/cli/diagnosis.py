@@ -57,7 +57,7 @@ def sentences(answer: Mapping[str, Any]) -> list[str]:
     if effects:
         out.append(_together(answer))
     left = answer["unexplained"]
-    if left.get("share_percent") is not None:
+    if left.get("share_percent") is not None and left["share_percent"] <= 100:  # else the reason says by how much
         out.append(f"Unexplained: {number(left['share_percent'], 2)} % of the measured energy above the noise.")
     if left.get("orders"):
         listed = ", ".join(f"{o['frequency_hz']:.2f} Hz (order {o['order']:.3f})" for o in left["orders"][:STRONGEST])

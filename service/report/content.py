@@ -245,7 +245,7 @@ def _method(answer: Mapping[str, Any]) -> list[str]:
         "Errors are computed on held-out measurements, which no fit used."
     )
     left = answer.get("unexplained") or {}
-    if left.get("share_percent") is not None:
+    if left.get("share_percent") is not None and left["share_percent"] <= 100:  # else the reason says by how much
         limit = (
             ""
             if left.get("limit_percent") is None

@@ -184,6 +184,14 @@ def test_noise_between_the_lines_counts_into_what_is_unexplained(between, verdic
     assert verdict == "explained" or f"of the shafts is {100 * between**0.5:.0f} % of the level" in found.reason
 
 
+@pytest.mark.parametrize(("share", "times"), [(33.6, "5.8 ×"), (21.0, "4.6 ×"), (1.3, "1.1 ×")])
+def test_model_that_leaves_more_than_was_measured_is_said_not_to_fit_and_no_share_over_100_per_cent(share, times):
+    """2.1e+03 % of the measured energy, where the model made 12.5 m/s² of 2.66."""
+    found = unexplained_of([replace(RESIDUAL, left=share)], [], None)
+    assert f"the model does not fit: the lines that it leaves are {times} the measured level" in found.reason
+    assert found.verdict == "insufficient_data" and "%" not in found.reason
+
+
 def test_doubt_leaves_a_machine_unexplained():
     doubted = unexplained_of([RESIDUAL], ["the mesh is too soft"], GOOD)
     assert (doubted.verdict, doubted.reason) == ("insufficient_data", "the mesh is too soft")

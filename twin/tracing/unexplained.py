@@ -101,6 +101,8 @@ def unexplained_of(
 
 def _left(recent: Sequence[WindowResidual], share: float) -> str:
     """What makes the share that is left, in words."""
+    if share > VERDICT_LIMITS.does_not_fit:
+        return f"the model does not fit: the lines that it leaves are {np.sqrt(share):.1f} × the measured level"
     between, whole = sum(r.between for r in recent), sum(r.measured + r.between for r in recent)
     if between >= 0.5 * share * whole:
         return f"the vibration between the lines of the shafts is {100 * np.sqrt(between / whole):.0f} % of the level"

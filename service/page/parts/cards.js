@@ -119,7 +119,7 @@ function effectsCard({ effects, modulation, unexplained, baseline, wear, calibra
   return card(learned ? "Changes since the healthy baseline" : "Effects other than wear",
     found.length ? String(found.length) : "none found", "", [...names].map(([name, count]) => (count > 1 ? `${name} (${count} channels)` : name)).join(", "), verdict,
     ...new Set(found.flatMap((e) => e.caveats ?? [])),
-    judged && Number.isFinite(unexplained.share_percent) ? `${number(unexplained.share_percent)} % of the energy above the noise is unexplained` : "",
+    judged && Number.isFinite(unexplained.share_percent) && unexplained.share_percent <= 100 ? `${number(unexplained.share_percent)} % of the energy above the noise is unexplained` : "",
     couldBeFound(detectable));
 }
 

@@ -151,7 +151,7 @@ function bySeverity(effects, status) {
 
 function verdictOf({ unexplained, status, baseline }, found) {
   if (!isAvailable(unexplained)) return [];
-  const share = Number.isFinite(unexplained.share_percent)
+  const share = Number.isFinite(unexplained.share_percent) && unexplained.share_percent <= 100 // else the reason says it
     ? `Unexplained: ${number(unexplained.share_percent)} % of the energy above the noise. ` : "";
   const verdict = { explained: isAvailable(baseline) ? "Baseline and changes together explain the vibration."
     : found ? "The model with these effects explains the vibration." : "The model explains the vibration.",
