@@ -32,7 +32,7 @@ from twin.tracing.healthy_lines import largest_healthy
 from twin.tracing.held_out_error import ENCODERS, ChannelComparison, HeldOutComparison
 from twin.tracing.state import Tracing
 from twin.tracing.unexplained import excess
-from twin.tracing.unknown_words import CHANNEL_NAMES, OTHER_PATH
+from twin.tracing.unknown_words import CHANNEL_NAMES, OTHER_PATH, of_growth
 from twin.updating.history import WindowInput
 
 MOST_SAID = 3  # lines of a channel in a sentence
@@ -255,7 +255,7 @@ def _growth(channel: str, order: float, history: Sequence[WindowInput], limits: 
     mean = float(sizes.mean())
     if abs(slope) < limits.same_size * std or abs(slope) * np.ptp(turns) < 0.1 * mean:
         return f"its size stays the same to within {100 * max(float(sizes.std()) / mean, 0.01):.0f} %"
-    return f"its size {'grows' if slope > 0 else 'falls'} by {1e5 * abs(slope) / mean:.2g} % in 1000 revolutions"
+    return of_growth("size", slope / mean)
 
 
 def _measured(channel: str, order: float, window: WindowInput) -> float | None:

@@ -98,8 +98,7 @@ def _where(entry: Entry, line: FollowedLine) -> str:
 
 
 def _how(law: Law) -> str:
-    grows = f"its level {'grows' if law.growth > 0 else 'falls'} by {1e5 * abs(law.growth):.2g} % in 1000 revolutions"
-    text = f"{LAW_NAMES.get(law.name, grows)} to within {100 * max(law.scatter, 0.005):.1f} %"
+    text = f"{LAW_NAMES.get(law.name, of_growth('level', law.growth))} to within {100 * max(law.scatter, 0.005):.1f} %"
     if law.alike:
         others = {"constant": "stays the same", "torque": "follows the torque", "speed": "follows the speed"}
         others["growth"] = "changes steadily"
@@ -163,6 +162,13 @@ def of_light_noise(shaft: str, depth: float, onset: float) -> str:
         f"the noise between the lines rises and falls by {100 * depth:.0f} % with every turn of the {shaft}, as where "
         f"something rubs lightly; {_since(onset)}"
     )
+
+
+def of_growth(what: str, rate: float) -> str:
+    """How a level or size changes, from its relative rate [1/revolution], as a clause."""
+    percent = 1e5 * abs(rate)
+    figure = f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}"
+    return f"its {what} {'grows' if rate > 0 else 'falls'} by {figure} % in 1000 revolutions"
 
 
 def of_mean_step(step: MeanStep) -> str:
