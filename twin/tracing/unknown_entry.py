@@ -63,7 +63,7 @@ class EntryThresholds:
         5.0,
         of="mean torque, and of its force at the base circle",
         meaning="amplitude of a torque, and of a force at a bearing, beyond which a place is impossible",
-        source="derivation: teeth separate beyond one; five, because the inertia between is not certain",
+        source="not derived: chosen; teeth separate beyond one, and the inertia between is not certain",
     )
     told: float = deciding(
         3.0, unit="nat", meaning="evidence between two entries, or two laws, that tells them apart", source="1 to 20"
