@@ -166,9 +166,9 @@ def of_light_noise(shaft: str, depth: float, onset: float) -> str:
 
 def of_growth(what: str, rate: float) -> str:
     """How a level or size changes, from its relative rate [1/revolution], as a clause."""
-    percent = 1e5 * abs(rate)
-    figure = f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}"
-    return f"its {what} {'grows' if rate > 0 else 'falls'} by {figure} % in 1000 revolutions"
+    growth = 1e5 * abs(rate)
+    said = f"{growth:.0f}" if growth >= 10 else f"{growth:.2g}"
+    return f"its {what} {'grows' if rate > 0 else 'falls'} by {said} % in 1000 revolutions"
 
 
 def of_mean_step(step: MeanStep) -> str:
