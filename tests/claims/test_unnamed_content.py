@@ -63,6 +63,21 @@ def test_the_skirt_of_a_mesh_line_is_no_tone_and_a_tone_on_one_side_of_it_is():
     assert tone.order * SPEED == pytest.approx(772.0, rel=0.01)
 
 
+@pytest.mark.parametrize(("mesh", "drift"), [(2005.0, 0.006), (2010.0, 0.008), (2014.0, 0.01)])
+def test_the_skirt_of_a_mesh_line_beyond_the_band_is_no_tone_and_nothing_beyond_it_is_read(mesh, drift):
+    """Mesh order 10 at just over 2 kHz, to which the band is declared: half of its skirt lies within."""
+    speed, per_turn, turns = mesh / 190, 1024, 26
+    angle = 2 * np.pi * np.arange(turns * per_turn) / per_turn
+    t = angle / (2 * np.pi * speed)
+    rng = np.random.default_rng(3)
+    skirt = sum(sweep(mesh + side * 9.0, drift, 0.3)(t) for side in (-1, 1))
+    values = skirt + 5 * np.cos(190 * angle) + 2 * np.cos(19 * angle) + 0.05 * rng.normal(size=angle.size)
+    on = AngleSignal(start=0.0, step=2 * np.pi / per_turn, values=values, usable=np.ones(angle.size, dtype=bool))
+    seen = OffOrders.of(on, TEETH, speed, TOP)
+    assert wandering_tones(seen, FLOOR) == [] and lines_of(seen, FLOOR) == []
+    assert all(order * speed <= TOP for order, _ in seen.of_shafts(TEETH, 2.5, 60))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_and_the_lines_of_the_shafts_make_no_tone(seed):
     rng = np.random.default_rng(seed)

@@ -10,7 +10,8 @@ A tone that runs through 27 Hz of a window of 2.5 s fills 67 steps of resolution
 it and is no peak; against the median of a quarter of its frequency it stands out as a steady one of its power does.
 
 Lines near a strong mesh line are its own skirt, where the speed wanders; lines beside any strong line of a shaft are
-what Hann's window leaves of it. Both are left out.
+what Hann's window leaves of it. Both are left out. A mesh line beyond the band has its skirt within it, so the spectrum
+goes on beyond the band by as far as a skirt and its mirror image reach; lines are sought up to the band's end.
 
 Source   F. J. Harris, Proc. IEEE 66 (1978) 51–83 (equivalent noise bandwidth of Hann's window: s = 1.5 a step)
 Limits   a tone that runs through a mesh line's skirt is seen beside it only
@@ -111,6 +112,7 @@ class OffOrders:
     turns: float
     padding: float  # bins a step of resolution
     speed_hz: float
+    top: float  # order up to which lines are sought
     mesh_orders: np.ndarray  # (k,)
     mesh: np.ndarray  # amplitude of each mesh line (k,)
     beside: np.ndarray  # largest amplitude at an order of a shaft within `from_mesh` of every bin (n,)
@@ -133,7 +135,7 @@ class OffOrders:
         spectrum = fft.rfft(weight * (v - (weight @ v) / weight.sum()), length) * (2 / weight.sum())
         step = 2 * pi / (length * signal.step)
         turns = v.size * signal.step / (2 * pi)
-        power = power_of(spectrum[: min(spectrum.size, int(top / speed_hz / step))])
+        power = power_of(spectrum[: int((top / speed_hz + 2 * limits.near_mesh) / step)])
         order = step * np.arange(power.size)
         z1, from_shaft = teeth[0], distance_from_turns(order, teeth)
         from_mesh = np.abs(order - z1 * np.rint(order / z1))
@@ -148,6 +150,7 @@ class OffOrders:
             turns=turns,
             padding=length / v.size,
             speed_hz=speed_hz,
+            top=top / speed_hz,
             mesh_orders=at,
             mesh=np.sqrt(mesh),
             beside=np.sqrt(maximum_filter1d(np.where(free, 0.0, power), reach, mode="nearest")),
@@ -160,7 +163,7 @@ class OffOrders:
         beside_mesh  orders to either side of a mesh line that are left out
         """
         z1, gear = teeth[0], teeth[0] / teeth[1]
-        top = float(self.order[-1])
+        top = min(self.top, float(self.order[-1]))
         orders = np.concatenate([np.arange(1, int(top) + 1), gear * np.arange(1, int(top / gear) + 1)])
         orders = np.unique(np.round(orders, 9))
         orders = orders[np.abs(orders - z1 * np.rint(orders / z1)) > beside_mesh]
@@ -205,7 +208,7 @@ def lines_of(seen: OffOrders, noise_floor: float, limits: OffOrderThresholds = T
     out = []
     for i in peaks.tolist():
         order, a = float(seen.order[seen.free[i]]), float(np.sqrt(power[i]))
-        if a > seen.skirt(order, limits):
+        if order <= seen.top and a > seen.skirt(order, limits):
             out.append((order, a))
     return sorted(out, key=lambda line: -line[1])[:MOST_LINES]
 
@@ -252,9 +255,8 @@ def wandering_tones(
     parts = np.split(np.array(clear), 1 + np.flatnonzero(np.diff(orders) > limits.widest_gap))
     found = [_tone(seen, power, background, part, limits) for part in parts]
     loud = limits.least_amplitude * noise_floor
-    return sorted((t for t in found if t is not None and t.amplitude > loud), key=lambda t: -t.amplitude)[
-        :MOST_WANDERING
-    ]
+    kept = [t for t in found if t is not None and t.order <= seen.top and t.amplitude > loud]
+    return sorted(kept, key=lambda t: -t.amplitude)[:MOST_WANDERING]
 
 
 def _wide(order: np.ndarray, power: np.ndarray) -> np.ndarray:
