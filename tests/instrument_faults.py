@@ -65,6 +65,21 @@ def bursts(count: int, size: float) -> Spoil:
     return spoiled
 
 
+def loose_cable(rate: float, shortest: float, longest: float, digit: float = 0.0) -> Spoil:
+    """A contact that opens so many times a second, by lot, for so long [s]; the last digit as a share of the RMS."""
+
+    def change(s: Samples, chance: np.random.Generator) -> Samples:
+        values = s.values.copy()
+        for at in chance.integers(0, values.size, int(rate * values.size / s.rate)):
+            values[at : at + int(chance.uniform(shortest, longest) * s.rate)] = 0.0
+        if digit:
+            q = digit * np.nanstd(s.values)
+            values = q * np.rint(values / q + chance.uniform(-0.4, 0.4, values.size))
+        return replace(s, values=values)
+
+    return _accelerometer(change)
+
+
 def settling(size: float, time: float) -> Spoil:
     """A sensor's zero that settles in `time` [s], from so many times its standard deviation."""
     return _accelerometer(
@@ -100,6 +115,13 @@ KINDS: Mapping[str, tuple[Spoil, ...]] = {
     "clock": (clock(60), clock(-150), clock(300), clock(-800), clock(1500)),
     "lost samples": (lost(100), lost(256), lost(1024), lost(64, 300), lost(500, 500, 500)),
     "bursts": (bursts(4, 8.0), bursts(7, 12.0), bursts(12, 20.0), bursts(5, 40.0), bursts(9, 15.0)),
+    "loose cable": (
+        loose_cable(40, 2e-3, 6e-3),
+        loose_cable(10, 1e-3, 20e-3),
+        loose_cable(40, 2e-3, 6e-3, 1e-3),
+        loose_cable(4, 20e-3, 60e-3, 3e-4),
+        loose_cable(80, 1e-3, 3e-3),
+    ),
     "settling": (settling(3.0, 1.0), settling(8.0, 0.8), settling(-5.0, 2.0), settling(20.0, 3.0), settling(2.0, 5.0)),
     "saturated": (saturated(0.8), saturated(0.6), saturated(0.5), saturated(0.4), saturated(0.3)),
     "polarity": (reversed_polarity(),),

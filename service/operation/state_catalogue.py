@@ -97,6 +97,11 @@ FAULTS: dict[str, Named] = {
         "out",
         "Check screens and earthing of the cables.",
     ),
+    "lost_contact": Named(
+        "the samples of an accelerometer rest at one value for moments, as where a cable loses contact; these are left "
+        "out",
+        "Check the cable and its plugs.",
+    ),
     "stuck": Named("all samples of the channel are equal", "Check the sensor and its cable."),
     "clipping": Named(
         "samples at the end of the sensor's range",

@@ -128,7 +128,7 @@ def test_a_line_that_one_window_alone_is_compared_in_is_not_told():
 @pytest.mark.parametrize("name", ["load zone", "foreign modulation", "half of the mesh"])
 def test_content_of_no_effect_is_told_by_its_order_or_frequency_and_under_no_other_name(name):
     rig, windows = windows_of(SHORT)
-    given, s = spoiled(windows, KINDS[name], rig.teeth, 3)
+    given, s = spoiled(rig, windows, KINDS[name], 3)
     _, estimates = run(rig, given)
     report = estimates[-1].report
     assert not {e["name"] for e in report["effects"]} - {"unknown_effect"}

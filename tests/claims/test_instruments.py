@@ -11,12 +11,12 @@ import pytest
 
 from benchmarks.scoring import windows_of
 from service.files.rig import window_of_rig
-from tests.instrument_faults import KINDS, bursts, clock, lost
+from tests.instrument_faults import KINDS, bursts, clock, loose_cable, lost
 from twin.features.extract import extract
 from twin.windows import Samples, Window
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
-NAMED = {"clock": "clock_rate", "lost samples": "lost_samples", "bursts": "interference"}
+NAMED = {"clock": "clock_rate", "lost samples": "lost_samples", "bursts": "interference", "loose cable": "lost_contact"}
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +70,29 @@ def test_the_level_beside_bursts_is_that_without_them(campaign):
     spoiled = bursts(9, 20.0)(windows[5], np.random.default_rng(4))
     sound, found, wrong = (extract(rig, w).rms for w in (windows[5], window_of_rig(rig, spoiled), spoiled))
     assert found == pytest.approx(sound, rel=0.03) and wrong > 1.5 * sound
+
+
+@pytest.mark.parametrize("digit", [0.0, 1e-3])
+def test_the_level_beside_a_loose_cable_is_that_without_it(campaign, digit):
+    rig, windows = campaign
+    spoiled = loose_cable(30, 2e-3, 6e-3, digit)(windows[5], np.random.default_rng(4))
+    sound, found, wrong = (extract(rig, w).rms for w in (windows[5], window_of_rig(rig, spoiled), spoiled))
+    assert found == pytest.approx(sound, rel=0.03) and wrong < 0.96 * sound
+
+
+@pytest.mark.parametrize(("digit", "period", "decay"), [(1e-3, 0.05, 400.0), (1e-3, 0.2, 200.0), (1e-4, 0.1, 300.0)])
+def test_blows_that_die_away_below_the_last_digit_have_not_lost_contact(campaign, digit, period, decay):
+    rig, windows = campaign
+    w = windows[5]
+
+    def blows(s: Samples) -> Samples:
+        t = s.times - s.start
+        late = np.mod(t, period)
+        q = digit * np.std(s.values)
+        return replace(s, values=q * np.rint(np.std(s.values) / q * np.exp(-decay * late) * np.sin(7000 * late)))
+
+    quiet = replace(w, accelerations={n: blows(s) for n, s in w.accelerations.items()})
+    assert "lost_contact" not in {f.kind for f in window_of_rig(rig, quiet).faults}
 
 
 def test_impacts_once_a_turn_that_reach_the_torque_meter_are_the_machines(campaign):

@@ -24,7 +24,7 @@ def answered(windows):
 
 def foreign(kind, seed):
     rig, windows = sound()
-    return answered(spoiled(windows, KINDS[kind], rig.teeth, seed)[0])
+    return answered(spoiled(rig, windows, KINDS[kind], seed)[0])
 
 
 @pytest.mark.parametrize("seed", [11, 12])

@@ -13,11 +13,12 @@ from collections.abc import Callable
 
 from twin.instruments.bursts import without_bursts
 from twin.instruments.delays import with_clocks, with_lost_samples
+from twin.instruments.lost_contact import without_lost_contact
 from twin.instruments.seen import Seen
 from twin.rig import Rig
 from twin.windows import Window
 
-CHECKS: tuple[Callable[[Seen], Window], ...] = (without_bursts, with_clocks, with_lost_samples)
+CHECKS: tuple[Callable[[Seen], Window], ...] = (without_lost_contact, without_bursts, with_clocks, with_lost_samples)
 
 
 def examined(rig: Rig, window: Window) -> Window:
