@@ -7,9 +7,10 @@ R_m  response to tooth 0 that has lost the share q of its stiffness, by the harm
      teeth have worn to since then                                                                 [m]
 
 The change must be sudden: at the same teeth, against the step before it and the median of the other steps (errors of
-all teeth that wear in change every tooth a little). It must be larger than a floor, and have its energy within two
-tooth pitches, more than a change of all teeth would have by chance. A local pattern in the first windows is a crack
-from the start; a single displaced tooth would look alike.
+all teeth that wear in change every tooth a little). A crack that grows makes one step after the other at the same
+teeth: these are one change, against the steps before the first of them. The change must be larger than a floor, and
+have its energy within two tooth pitches, more than a change of all teeth would have by chance. A local pattern in the
+first windows is a crack from the start; a single displaced tooth would look alike.
 
 Source   twin/effects/tooth_crack.py; P. D. McFadden, Mech. Syst. Signal Process. 1 (1987) 173–183
 Holds    one cracked tooth; both encoders; windows that resolve the orders (8 turns and more)
@@ -38,6 +39,7 @@ from twin.tracing.findings import Findings
 from twin.tracing.scatter import MODELLED
 from twin.tracing.size_laws import UNIFORM, LawFit
 from twin.tracing.tooth_patterns import (
+    FINE,
     NAMES,
     PATTERNS,
     Pattern,
@@ -49,6 +51,7 @@ from twin.tracing.tooth_patterns import (
     rms_of,
     tooth_shifts,
 )
+from twin.tracing.tooth_patterns import NEAR as REACH
 from twin.wear.profile import WornProfile
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
@@ -250,16 +253,13 @@ def local_change(
     steps = np.array([rms_of(b - a) for a, b in pairwise(X)])
     least = limits.least_quiet * scales.graduation[0]
     noise = max(float(np.median(steps)) * np.sqrt(2 / m.size), least)
-    local = np.sqrt(near_energy(np.diff(X, axis=0), m, z))
+    begins = _changes(X, m, z, limits.suddenness, least)
     candidates = []
-    for at in range(1, len(seen)):
-        change = X[at : at + NEAR].mean(axis=0) - X[max(at - NEAR, 0) : at].mean(axis=0)  # before wear adds its own
-        there = local[:, np.argmax(local[at - 1])]
-        quiet = max(np.median(np.delete(there, at - 1)), there[at - 2] if at > 1 else 0.0) if steps.size > 1 else 0.0
-        sudden = there[at - 1] > limits.suddenness * max(quiet, least)
-        large = rms_of(change) > limits.least_change * scales.deflection
-        if sudden and large and _is_local(X[at] - X[at - 1], m, z):
-            candidates.append((there[at - 1], at, change))
+    for at, before, size in begins:
+        change = X[at : at + NEAR].mean(axis=0) - X[max(before - NEAR, 0) : before].mean(axis=0)
+        large = rms_of(change) > limits.least_change * scales.deflection  # before wear adds its own
+        if large and _is_local(X[at] - X[before - 1], m, z):
+            candidates.append((size, before, at, change))
     latest = max(candidates, key=lambda c: c[0]) if candidates else None
     first = PATTERNS.first_windows
     start = X[: first if latest is None else min(latest[1], first)].mean(axis=0)
@@ -271,8 +271,39 @@ def local_change(
         return LocalChange(window=0, shown=shown, lines=X[:first].mean(axis=0), noise=widened)
     if latest is None:
         return None
-    _, at, change = latest
-    return LocalChange(window=at, shown=tuple(range(at, min(at + NEAR, len(seen)))), lines=change, noise=noise)
+    _, before, at, change = latest
+    return LocalChange(window=before, shown=tuple(range(at, min(at + NEAR, len(seen)))), lines=change, noise=noise)
+
+
+def _changes(X: np.ndarray, m: np.ndarray, z: int, suddenness: float, least: float) -> list[tuple[int, int, float]]:
+    """Sudden changes at some teeth: the window that shows one whole, the first that shows it, and its largest step [m].
+
+    X  lines of every window (w, n); least  change that is assumed from window to window at least [m]
+    """
+    steps = np.diff(X, axis=0)
+    local = np.sqrt(near_energy(steps, m, z))  # (w − 1, places)
+    place = local.argmax(axis=1)
+    is_local = [_is_local(step, m, z) for step in steps]
+    out = []
+    for i in range(len(steps)):
+        there = local[:, place[i]]
+        first = i
+        while first > 0 and is_local[first - 1] and _same_place(place[first - 1], place[i], z):
+            first -= 1
+        others = np.delete(there, i)
+        alone = max(np.median(others), there[i - 1] if i else 0.0) if others.size else 0.0
+        grows = first < i and first > 0 and there[i] > suddenness * max(there[:first].max(), least)
+        if there[i] > suddenness * max(alone, least):
+            out.append((i + 1, i + 1, float(there[i])))
+        elif grows:
+            out.append((i + 1, first + 1, float(there[i])))
+    return out
+
+
+def _same_place(one: int, other: int, z: int) -> bool:
+    """Whether two places of a gear's turn, of FINE·z, are within the teeth that one crack changes."""
+    whole = FINE * z
+    return abs((int(one) - int(other) + whole // 2) % whole - whole // 2) <= REACH * FINE
 
 
 def _is_local(change: np.ndarray, m: np.ndarray, z: int, least: float = 0.0) -> bool:
