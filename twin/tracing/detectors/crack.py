@@ -283,20 +283,20 @@ def _changes(X: np.ndarray, m: np.ndarray, z: int, suddenness: float, least: flo
     steps = np.diff(X, axis=0)
     local = np.sqrt(near_energy(steps, m, z))  # (w − 1, places)
     place = local.argmax(axis=1)
-    is_local = [_is_local(step, m, z) for step in steps]
     out = []
     for i in range(len(steps)):
         there = local[:, place[i]]
-        first = i
-        while first > 0 and is_local[first - 1] and _same_place(place[first - 1], place[i], z):
-            first -= 1
+        enough = there[i] / suddenness
         others = np.delete(there, i)
         alone = max(np.median(others), there[i - 1] if i else 0.0) if others.size else 0.0
-        grows = first < i and first > 0 and there[i] > suddenness * max(there[:first].max(), least)
-        if there[i] > suddenness * max(alone, least):
+        if enough > max(alone, least):
             out.append((i + 1, i + 1, float(there[i])))
-        elif grows:
-            out.append((i + 1, first + 1, float(there[i])))
+        elif i and enough > max(there[0], least):
+            first = i
+            while first and _same_place(place[first - 1], place[i], z) and _is_local(steps[first - 1], m, z):
+                first -= 1
+            if 0 < first < i and enough > there[:first].max():
+                out.append((i + 1, first + 1, float(there[i])))
     return out
 
 
