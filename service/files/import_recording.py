@@ -15,6 +15,7 @@ forward, stands in `import`. A frame without an edge says that the shaft stood s
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -27,7 +28,7 @@ from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
 from service.files.gear_age import age_of
-from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
+from service.files.import_channel import COUNTS, PULSES, QUADRATURE, ChannelMapping
 from service.files.import_check import contradicted_units, likely_mistakes
 from service.files.import_columns import DataFile, Measured, read_columns
 from service.files.import_mapping import ImportMapping, load_import_mapping
@@ -150,7 +151,12 @@ def _counted(data: DataFile) -> dict[str, _Counted]:
         measured = data.channels[channel.label]
         try:
             if channel.unit == QUADRATURE:
-                out[channel.label] = _of_levels(measured)
+                levels = quadrature(*measured.values)
+                out[channel.label] = _of_counts(
+                    levels.counts, measured.rate, levels.illegal, levels.filled, levels.reversals
+                )
+            elif channel.unit == COUNTS:
+                out[channel.label] = _of_counts(measured.values.astype(np.int64), measured.rate)
             elif channel.unit == PULSES:
                 out[channel.label] = _of_pulses(measured, channel)
         except WindowError as error:
@@ -158,18 +164,21 @@ def _counted(data: DataFile) -> dict[str, _Counted]:
     return out
 
 
-def _of_levels(measured: Measured) -> _Counted:
-    found = quadrature(*measured.values)
-    forward = forward_edges(found.counts, measured.rate)
+def _of_counts(
+    counts: np.ndarray, rate: float, illegal: int = 0, filled: int = 0, reversals: int | None = None
+) -> _Counted:
+    """The edges of counts at every sample; `illegal` and `filled` transitions are those of the levels behind them."""
+    forward = forward_edges(counts, rate)
+    turned = np.sign(np.diff(counts)[np.diff(counts) != 0])
     figures: dict[str, float] = {
         "edges": forward.times.size,
         "sense": forward.sense,
-        "reversals": found.reversals,
+        "reversals": np.count_nonzero(np.diff(turned)) if reversals is None else reversals,
         "counts_taken_back": forward.reversed_counts,
-        "illegal_transitions": found.illegal,
-        "illegal_counted_as_two": found.filled,
+        "illegal_transitions": illegal,
+        "illegal_counted_as_two": filled,
     }
-    return _Counted(times=forward.times, length=found.counts.size / measured.rate, figures=figures)
+    return _Counted(times=forward.times, length=counts.size / rate, figures=figures)
 
 
 def _of_pulses(measured: Measured, channel: ChannelMapping) -> _Counted:
@@ -289,7 +298,7 @@ def _notes(data: DataFile, data_file: Path, counted: Mapping[str, _Counted]) -> 
     for channel in mapping.channels:
         said = _conversion_note(channel)
         if channel.label in counted:
-            describe = _quadrature_note if channel.unit == QUADRATURE else _pulse_note
+            describe = _pulse_note if channel.unit == PULSES else _count_note
             said = describe(channel, counted[channel.label].figures)
         missing = data.channels[channel.label].missing
         if missing:
@@ -336,14 +345,17 @@ def _pulse_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
     )
 
 
-def _quadrature_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
-    """What was made of a quadrature encoder's levels."""
-    ahead, behind = channel.columns[::-1] if figures["sense"] > 0 else channel.columns
+def _count_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
+    """What was made of an encoder's counts, or of the two levels that were counted."""
     illegal, filled = figures["illegal_transitions"], figures["illegal_counted_as_two"]
+    way = "where the counts rise" if figures["sense"] > 0 else "where the counts fall"
+    how = f"counts of {channel.columns[0]!r}"
+    if channel.unit == QUADRATURE:
+        ahead, behind = channel.columns[::-1] if figures["sense"] > 0 else channel.columns
+        way, how = f"where {ahead} leads {behind}", "fourfold counts of two levels"
     said = (
-        f"fourfold counts of two levels, {channel.edges_per_rev} a turn; {figures['edges']} edges forward, where "
-        f"{ahead} leads {behind}; {figures['reversals']} reversals, {figures['counts_taken_back']} counts taken "
-        f"back; {illegal} illegal transitions"
+        f"{how}, {channel.edges_per_rev} a turn; {figures['edges']} edges forward, {way}; {figures['reversals']} "
+        f"reversals, {figures['counts_taken_back']} counts taken back; {illegal} illegal transitions"
     )
     return f"{said}, in which both levels changed: {filled} counted as two" if illegal else said
 
@@ -424,8 +436,7 @@ def toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(toml_value(v) for v in value)}]"
     return repr(value)
