@@ -7,8 +7,8 @@ q  distance of two printed times [s]; the times of n rows that are each within q
 
 A time column is printed with so many digits, and a clock has its jitter: its steps need not be equal. Where rows
 share a printed time, those at which it changes are counted. A step that is longer than 1.5 of the others is a gap, in
-which samples are missing; a time column that falls, or whose steps differ for no such reason, is refused. A column without a
-unit is in that which makes it a date of 2001 to 2100, else in seconds; one that counts its rows is no time.
+which samples are missing; a time column that falls, or whose steps differ for no such reason, is refused. A column
+without a unit is in that which makes it a date of 2001 to 2100, else in seconds; one that counts its rows is no time.
 """
 
 from __future__ import annotations

@@ -173,7 +173,7 @@ def _of_counts(
     figures: dict[str, float] = {
         "edges": forward.times.size,
         "sense": forward.sense,
-        "reversals": np.count_nonzero(np.diff(turned)) if reversals is None else reversals,
+        "reversals": int(np.count_nonzero(np.diff(turned))) if reversals is None else reversals,
         "counts_taken_back": forward.reversed_counts,
         "illegal_transitions": illegal,
         "illegal_counted_as_two": filled,

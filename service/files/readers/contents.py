@@ -13,6 +13,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import partial
+from operator import getitem
 from typing import Any
 
 import numpy as np
@@ -140,7 +142,7 @@ class Contents:
         if array.dtype.names:
             for part in array.dtype.names:
                 self.add(
-                    f"{name}.{part}", lambda part=part: array[part], stated, rate=rate, start=start, started=started
+                    f"{name}.{part}", partial(getitem, array, part), stated, rate=rate, start=start, started=started
                 )
             return
         is_time = array.dtype.kind in "mM"

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from service.files.readers.contents import Contents
 from service.files.readers.table import Table
@@ -43,7 +46,7 @@ def read_mat73(path: Path) -> Table:
 def _table(name: str, content: Mapping[str, Any]) -> Table:
     found = Contents(format=name)
     for label, value in _leaves(content):
-        found.add(label, lambda value=value: value)
+        found.add(label, partial(np.asarray, value))
     return found.table()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ def read_mdf(path: Path) -> Table:
     found = Contents(format="MDF")
     for name, signal in zip(names, signals, strict=True):
         times = np.asarray(signal.timestamps, dtype=float)
-        found.add(name, lambda signal=signal: _valid(signal), unit=signal.unit or "", times=times)
+        found.add(name, partial(_valid, signal), unit=signal.unit or "", times=times)
     return found.table(started)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+from operator import getitem
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -24,7 +26,7 @@ def read_npz(path: Path) -> Table:
     found = Contents(format="NPZ")
     with np.load(path, allow_pickle=False) as arrays:
         for name in arrays.files:
-            found.add(name, lambda name=name: arrays[name])
+            found.add(name, partial(getitem, arrays, name))
     return found.table()
 
 
@@ -33,7 +35,7 @@ def read_npy(path: Path) -> Table:
     array = np.load(path, allow_pickle=False)
     found = Contents(format="NPY")
     for name in array.dtype.names or ():
-        found.add(name, lambda name=name: array[name])
+        found.add(name, partial(getitem, array, name))
     if not array.dtype.names:
         found.add(path.stem, lambda: array)
     return found.table()

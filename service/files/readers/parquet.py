@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ def read_parquet(path: Path) -> Table:
             k.decode(errors="replace"): v for k, v in (field.metadata or {}).items() if not k.startswith(b"PARQUET:")
         }
         unit = "" if "unit" in stated else split_unit(field.name)[1]
-        found.add(field.name, lambda data=data, kind=field.type: _values(pyarrow, kind, data), stated, unit=unit)
+        found.add(field.name, partial(_values, pyarrow, field.type, data), stated, unit=unit)
     return found.table()
 
 

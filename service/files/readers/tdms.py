@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
+from functools import partial
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ def read_tdms(path: Path) -> Table:
         moment = _moment(stated.get("wf_start_time"))
         started = None if moment is None else moment + timedelta(seconds=offset)
         start = offset if started is None else 0.0
-        found.add(name, lambda channel=channel: channel[:], stated, start=start, started=started)
+        found.add(name, partial(getitem, channel, slice(None)), stated, start=start, started=started)
     return found.table()
 
 
