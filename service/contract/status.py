@@ -270,7 +270,9 @@ def _data_of(records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None
         return DataStatus(level="waiting", reason=waiting)
     grade, since = _grade(records[-1]), None
     if grade not in ("degraded", "refused"):
-        return DataStatus(level="ok", reason=f"the latest window is {grade}")
+        why = (records[-1].get("not_available") or {}).get("speed_hz")
+        without = f", without a speed: {why}" if why else ""
+        return DataStatus(level="ok", reason=f"the latest window is {grade}{without}")
     for record in reversed(records):
         if _grade(record) not in ("degraded", "refused"):
             break

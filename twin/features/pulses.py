@@ -47,7 +47,7 @@ class PulseThresholds:
     )
     least_alone: float = deciding(
         0.1,
-        meaning="share of samples with both neighbours on their own level, from which the noise is that of these samples",
+        meaning="share of samples with both neighbours on their own level, from which they give the noise",
         source="not derived: chosen; pulses of fewer than six samples have hardly any such samples",
     )
     hysteresis: float = deciding(
