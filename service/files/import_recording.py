@@ -16,7 +16,7 @@ forward, stands in `import`. A frame without an edge says that the shaft stood s
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -99,6 +99,7 @@ def written_recording(
     rig, said = with_age(mapping)
     notes |= {"age": said} if said else {}
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
+    rig = with_unknown_units(rig, imported)
     write_recording(out_path, frames, metadata, notes, to_toml(rig), progress, prefix)
     return {
         "recording": str(out_path),
@@ -132,6 +133,12 @@ def with_age(mapping: ImportMapping) -> tuple[dict[str, Any], str]:
         said = "new gears" if age == NEW else f"the gears have made {age:,.0f} revolutions when the file begins"
     gears = {**mapping.rig.get("gears", {}), "age": age}
     return {**mapping.rig, "gears": gears}, said
+
+
+def with_unknown_units(rig: dict[str, Any], channels: Iterable[ChannelMapping]) -> dict[str, Any]:
+    """The rig file to attach, with the channels whose values are raw, so that nobody reads them in a unit."""
+    raw = [channel.label for channel in channels if channel.unit == "unknown"]
+    return {**rig, "sensors": {**rig.get("sensors", {}), "uncalibrated": raw}} if raw else rig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -164,3 +166,18 @@ def test_a_vibration_in_noise_has_no_pulses(frequency):
     noisy = np.cos(2 * np.pi * frequency * t) + 0.4 * np.random.default_rng(1).standard_normal(t.size)
     with pytest.raises(WindowError):
         pulses_of(noisy, 5120.0, PulseSettings())
+
+
+def test_a_level_without_a_unit_is_not_shown_in_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    t, x = vibration()
+    file = csv(tmp_path / "a.csv", "time,vib1,acc2 (g),torque", [t, x, x, 0.0002 * np.sin(300 * t)])
+    assert run(["import", file, "--guess", "--teeth", "23/57", "--speed", "24.5", "--out", "a.mcap"]) == 0
+    capsys.readouterr()
+    assert run(["assess", "a.mcap", "--json", "a.json"]) == 0
+    shown = capsys.readouterr().out
+    assert "The unit of vib1 is not known: RMS of raw values." in shown and "RMS m/s²" not in shown
+    assert "torque N·m" not in shown
+    record = json.loads((tmp_path / "a.json").read_text())["windows"][-1]
+    assert record["indicators"]["vib1"]["unit"] == "unknown" and "unit" not in record["indicators"]["acc2"]
+    assert record["not_available"]["torque_nm"] == "the unit of the torque channel is not known"
