@@ -63,7 +63,12 @@ def import_(
         str | None, typer.Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
     ] = None,
     pulses_per_rev: Annotated[
-        int, typer.Option(help="Pulses per turn of the tachometer.", min=1, rich_help_panel=GUESSING)
+        int,
+        typer.Option(
+            help="Pulses per turn of the tachometer, or counts per turn of a sampled counter.",
+            min=1,
+            rich_help_panel=GUESSING,
+        ),
     ] = 1,
     asset: Annotated[
         str | None, typer.Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)

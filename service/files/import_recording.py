@@ -68,7 +68,7 @@ def import_recording(
     age       of the gears when the file begins: `new`, "5000 rev", "1200 h" or `unknown`; None for what the mapping
               states of its own file
     """
-    mapping = load_import_mapping(mapping_path)
+    mapping = load_import_mapping(mapping_path, source)
     data_file = Path(source) if source is not None else mapping.path
     if age is not None:
         speed = mapping.rig.get("operating", {}).get("pinion_speed_hz")

@@ -181,3 +181,29 @@ def test_a_level_without_a_unit_is_not_shown_in_one(tmp_path, monkeypatch, capsy
     record = json.loads((tmp_path / "a.json").read_text())["windows"][-1]
     assert record["indicators"]["vib1"]["unit"] == "unknown" and "unit" not in record["indicators"]["acc2"]
     assert record["not_available"]["torque_nm"] == "the unit of the torque channel is not known"
+
+
+def test_a_mapping_without_a_data_file_takes_that_of_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    file = csv(tmp_path / "a.csv", "time,Acc (g)", vibration())
+    mapping = 'schema = "gear-import/1"\nasset = "a"\nage = "new"\n[channels.Acc]\ncolumn = "Acc (g)"\nunit = "g"\n'
+    (tmp_path / "m.toml").write_text(mapping)
+    assert run(["import", "m.toml", "--source", file, "--out", "a.mcap"]) == 0
+    capsys.readouterr()
+    assert run(["import", "m.toml", "--out", "a.mcap"]) == 2
+    assert "file.path = (missing) must name a data file, or --source must" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("started = 2026-03-12", "started = 2026-03-12 must be a date with time"),
+        ('[channels.b]\ncolumn = "c"', "channels.b.unit = (missing) must be one of"),
+    ],
+)
+def test_a_message_shows_what_the_file_has_and_no_word_of_python(tmp_path, capsys, line, said):
+    head = f'schema = "gear-import/1"\nasset = "a"\n{line}\n'
+    (tmp_path / "m.toml").write_text(f'{head}[channels.a]\nunit = "g"\n[file]\npath = "a.csv"\n')
+    assert run(["import", str(tmp_path / "m.toml"), "--out", str(tmp_path / "a.mcap")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and "None" not in error and "datetime" not in error
