@@ -207,3 +207,15 @@ def test_a_message_shows_what_the_file_has_and_no_word_of_python(tmp_path, capsy
     assert run(["import", str(tmp_path / "m.toml"), "--out", str(tmp_path / "a.mcap")]) == 2
     error = capsys.readouterr().err
     assert said in error and "None" not in error and "datetime" not in error
+
+
+@pytest.mark.parametrize(("rate", "band"), [(1000.0, [0, 450]), (2000.0, [0, 900]), (5120.0, None)])
+def test_a_file_of_a_low_rate_has_the_levels_that_import_promises(tmp_path, monkeypatch, capsys, rate, band):
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(round(20 * rate)) / rate
+    x = np.cos(2 * np.pi * 263 * t) + 0.1 * np.random.default_rng(1).standard_normal(t.size)
+    file = csv(tmp_path / "a.csv", "time,vib1 (g)", [t, x])
+    assert run(["import", file, "--guess", "--out", "a.mcap"]) == 0
+    assert (read_windows(tmp_path / "a.mcap")[0].get("sensors") or {}).get("band_hz") == band
+    assert run(["assess", "a.mcap", "--json", "a.json"]) == 0, capsys.readouterr().err
+    assert json.loads((tmp_path / "a.json").read_text())["windows"][-1]["rms_measured"] == pytest.approx(7, rel=0.02)

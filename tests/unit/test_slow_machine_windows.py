@@ -34,3 +34,14 @@ def test_data_that_are_good_but_give_no_speed_say_why():
     assert found.level == "ok"
     assert found.reason == "the latest window is good, without a speed: the rig file does not give the tooth counts"
     assert data_of([{"quality": "good"}]).reason == "the latest window is good"
+
+
+def test_data_that_are_good_but_too_short_for_the_gears_say_so():
+    short = {"not_available": {"pinion": "the window has 1 whole turns of this gear; an average needs 3"}}
+    found = data_of([{"quality": "good", "indicators": {"a": short}}])
+    assert found.reason.endswith(
+        "good, without indicators of the gears: the window has 1 whole turns of this gear; an average needs 3"
+    )
+    assert data_of([{"quality": "good", "indicators": {"a": short, "b": {"gears": {"pinion": {}}}}}]).reason.endswith(
+        "good"
+    )
