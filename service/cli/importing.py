@@ -47,10 +47,7 @@ def import_(
         str | None, typer.Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
     ] = None,
     speed: Annotated[
-        str | None,
-        typer.Option(
-            help="Pinion speed, in Hz or such as 1752rpm; default: by the tachometer.", rich_help_panel=GUESSING
-        ),
+        str | None, typer.Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)
     ] = None,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
@@ -63,12 +60,7 @@ def import_(
         str | None, typer.Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
     ] = None,
     pulses_per_rev: Annotated[
-        int,
-        typer.Option(
-            help="Pulses per turn of the tachometer, or counts per turn of a sampled counter.",
-            min=1,
-            rich_help_panel=GUESSING,
-        ),
+        int, typer.Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
     ] = 1,
     asset: Annotated[
         str | None, typer.Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
