@@ -40,6 +40,7 @@ TIME_UNITS = {
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 TODAY = (978_307_200.0, 4_102_444_800.0)  # 2001 to 2100, after EPOCH [s]
 SIZES = (1.0, 1e-3, 1e-6, 1e-9)  # units of a date as a number [s]
+SLOWEST = 20.0  # rate of a vibration from which times that state no unit may be seconds [Hz]
 DAYS = (25569.0, 719529.0)  # EPOCH as a number of days in spreadsheets, and in MATLAB
 LEAST_ROWS = 3  # that count the rows, 0, 1, 2: as a spreadsheet or a data frame numbers them
 
@@ -55,6 +56,7 @@ class TimeAxis:
     places: np.ndarray | None = None  # of the values on an even grid, where samples are missing between them (n,)
     uncertainty: float = 0.0  # relative, of the rate
     began: datetime | None = None  # where the times are dates as numbers
+    assumed: bool = False  # nothing says that they are in seconds
 
     def laid_out(self, values: np.ndarray) -> np.ndarray:
         """The values on the even grid, NaN where one is missing."""
@@ -85,7 +87,9 @@ def is_time(column: Column) -> bool:
     name = split_unit(group_of(column.name)[1])[0].lower().strip("_ ")
     if not column.is_time and name not in TIME_NAMES | {"time_s", "t_s"}:
         return False
-    return values.size > 1 and bool(np.mean(np.diff(values) >= 0) > MOSTLY) and not counts_rows(column)
+    if values.size < 2 or values[-1] == values[0] or counts_rows(column):
+        return False
+    return bool(np.mean(np.diff(values) >= 0) > MOSTLY)
 
 
 def counts_rows(column: Column) -> bool:
@@ -159,7 +163,7 @@ def _dated_axis(where: str, column: Column) -> TimeAxis:
     if zero is not None and 0 < np.ptp(values) < 1 and values.size > RATES[1] * np.ptp(values):
         axis = even_axis(where, column.name, values - values[0], 86400.0)
         return replace(axis, began=EPOCH + timedelta(days=float(values[0]) - zero))
-    return even_axis(where, column.name, values)
+    return replace(even_axis(where, column.name, values), assumed=True)
 
 
 def _listed(table: Table) -> str:
@@ -280,8 +284,9 @@ def timing_of(
             f"{mapping.where}: {key}: {first} ± {100 * doubt:.2g} %, and {100 * AGREEMENT:g} % is needed; give the "
             f"sample rate (--rate, file.sample_rate_hz), or times of more digits"
         )
-    if not (rate > 0 if slow else RATES[0] <= rate) or rate > RATES[1]:
-        raise InputError(f"{mapping.where}: {key}: {first}, which is outside [{RATES[0]:g}, {RATES[1]:g}] Hz; {HINT}")
+    least = SLOWEST if len(known) == 1 and own is not None and own.assumed else RATES[0]
+    if not (rate > 0 if slow else rate >= least) or rate > RATES[1]:
+        raise InputError(f"{mapping.where}: {key}: {first}, which is outside [{least:g}, {RATES[1]:g}] Hz; {HINT}")
     return Timing(rate=rate, start=own.start if own else column.start, axis=own)
 
 

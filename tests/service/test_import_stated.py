@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from service.cli import run
 from service.errors import InputError
 from service.files.guess import proposal_of
 from service.files.readers import read_table
@@ -363,3 +364,18 @@ def test_no_time_column_gives_a_warning_of_the_program(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         guessed(csv(tmp_path / "a.csv", stamps, "Timestamp", x, tacho))
+
+
+@pytest.mark.parametrize("scale", [1e3, 1e6])
+def test_times_without_a_unit_that_would_make_a_vibration_slow_ask_for_it(tmp_path, monkeypatch, capsys, scale):
+    monkeypatch.chdir(tmp_path)
+    t, x, tacho = gear()
+    csv(tmp_path / "a.csv", [f"{scale * s:.4f}" for s in t], "time", x, tacho)
+    assert run(["import", "a.csv", "--guess", "--out", "a.mcap"]) == 2
+    assert "is the time in ms or µs? Its unit goes into the header" in capsys.readouterr().err
+
+
+def test_a_date_that_does_not_change_is_no_time_and_stops_nothing(tmp_path):
+    _, x, tacho = gear()
+    found = guessed(csv(tmp_path / "a.csv", ["2026-11-26 14:15"] * x.size, "Date", x, tacho))
+    assert found.axes == () and found.guesses[0].why == "constant, 0"
