@@ -23,7 +23,7 @@ from service.errors import InputError
 from service.files.import_channel import COUNTS, unwrapped
 from service.files.import_rate import TIME_UNITS, TimeAxis, axis_of, counts_rows, is_time, time_axes
 from service.files.readers import Column, Table
-from service.files.readers.table import split_unit
+from service.files.readers.table import UNIT_NAMES, split_unit
 from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
 from service.stream.channels import SHAFTS
 from twin.errors import WindowError
@@ -68,6 +68,7 @@ OF_GEAR = {"gear", "wheel", "out", "output", "abtrieb", "slow", "brake", "driven
 OF_PINION = {"pinion", "ritzel", "in", "input", "motor", "antrieb", "fast", "drive", "driving", "hss"}
 LEVELS_AB = re.compile(r"^(?P<stem>.*?)[ _.-]?(?P<level>[abAB])$")
 SELDOM, CLASSES = 0.05, 20  # share of samples at which a class changes, and how many classes there may be
+RAW_UNITS = {"v", "mv", "µv", "count", "counts", "-", ""}  # that say nothing of the quantity
 TWO_LEVELS = 0.9  # share of the values of a tachometer that lie near one of its levels
 SAID_UNCERTAINTY = 1e-5  # relative, of a rate, from which it is said
 SPEEDS = (0.05, 2000.0)  # turns/s of a shaft
@@ -213,9 +214,9 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
     going = np.diff(unwrapped(good))
     if np.all(going >= 0) or np.all(going <= 0):
         return _rising(base, values, longest)
-    if unit.lower() in OTHER_UNITS:
-        return replace(base, why=OTHER_UNITS[unit.lower()])
     known = UNITS.get(unit.lower())
+    if unit.lower() in OTHER_UNITS or (known is None and unit.lower() in UNIT_NAMES - RAW_UNITS):
+        return replace(base, why=OTHER_UNITS.get(unit.lower(), f"a quantity in {unit} has no channel"))
     kind = known[0] if known else next((k for k, pattern in NAMES if pattern.search(name)), "")
     pulses = _pulses(good, rate) if kind in ("", TACHO) else None
     if pulses is not None and (kind == TACHO or _two_levels(good, pulses)):

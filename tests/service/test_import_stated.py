@@ -379,3 +379,20 @@ def test_a_date_that_does_not_change_is_no_time_and_stops_nothing(tmp_path):
     _, x, tacho = gear()
     found = guessed(csv(tmp_path / "a.csv", ["2026-11-26 14:15"] * x.size, "Date", x, tacho))
     assert found.axes == () and found.guesses[0].why == "constant, 0"
+
+
+@pytest.mark.parametrize("unit", ["/min", "U/min", "bar", "1/s", "kHz", "°"])
+def test_a_column_in_a_unit_of_another_quantity_is_no_accelerometer(tmp_path, unit):
+    t, x, _ = gear(seconds=2)
+    path = tmp_path / "a.csv"
+    head = f"time,Acc (g),Dreh [{unit}]"
+    np.savetxt(path, np.stack([t, x, 1500 + x], 1), "%.6f", ",", header=head, comments="", encoding="utf-8")
+    assert guessed(path).guesses[2].kind == "left out"
+
+
+def test_a_number_that_reads_like_a_scale_is_named(tmp_path):
+    from scipy.io import savemat
+
+    t, x, _ = gear(seconds=2)
+    savemat(tmp_path / "a.mat", {"rec": {"t": t, "X": {"Data": x, "scale": 0.5}}})
+    assert read_table(tmp_path / "a.mat").notes == ("the number 'rec.X.scale' = 0.5 is not applied",)

@@ -170,6 +170,8 @@ class Contents:
             later = (own - first).total_seconds() if own is not None and first is not None else 0.0
             rate = column.rate or self._rate_beside(column)
             columns.append(replace(column, start=column.start + later, rate=rate))
+        scales = [n for n in self.numbers if LIKE_A_SCALE.search(group_of(n)[1])]
+        self.notes += [f"the number {n!r} = {self.numbers[n]:g} is not applied" for n in scales]
         return Table(
             format=self.format, columns=tuple(columns), numbers=self.numbers, started=first, notes=tuple(self.notes),
             left_out=self.left_out,
