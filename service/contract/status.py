@@ -270,7 +270,7 @@ def _data_of(records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None
         return DataStatus(level="waiting", reason=waiting)
     grade, since = _grade(records[-1]), None
     if grade not in ("degraded", "refused"):
-        return DataStatus(level="ok", reason=f"the latest window is {grade}")
+        return DataStatus(level="ok", reason=f"the latest window is {grade}{_without(records[-1])}")
     for record in reversed(records):
         if _grade(record) not in ("degraded", "refused"):
             break
@@ -278,6 +278,16 @@ def _data_of(records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None
     faults = dict.fromkeys(f"{f['kind'].replace('_', ' ')} in {f['channel']}" for f in records[-1].get("faults") or ())
     why = records[-1].get("reason") or ", ".join(faults) or "the cause was not recorded"
     return DataStatus(level="degraded", reason=f"the latest window is {grade}: {why}", since=since)
+
+
+def _without(record: Mapping[str, Any]) -> str:
+    """What a good window does not say of the gears, and why: it has no speed, or is too short for their averages."""
+    speed = (record.get("not_available") or {}).get("speed_hz")
+    if speed:
+        return f", without a speed: {speed}"
+    sensors = (record.get("indicators") or {}).values()
+    why = [reason for sensor in sensors for reason in (sensor.get("not_available") or {}).values()]
+    return "" if not why or any(s.get("gears") for s in sensors) else f", without indicators of the gears: {why[0]}"
 
 
 def shown(
