@@ -315,7 +315,7 @@ class Worker(threading.Thread):
             self._inbox,
             transport,
             streams,
-            pending=lambda stream: _closed_windows(spool, lanes, streams.asset_of(stream)),
+            pending=lambda stream: _closed_windows(spool, lanes, streams.asset_of(stream), computing.unusable()),
             unknown=kept.unknown,
         )
         streams.moved = positions.moved
@@ -415,12 +415,13 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def _closed_windows(spool: Spool, lanes: Lanes, asset: str) -> ClosedWindows:
+def _closed_windows(spool: Spool, lanes: Lanes, asset: str, unassessed: str | None) -> ClosedWindows:
     lane = lanes.find(asset)
     return ClosedWindows(
         unstored_from_ns=spool.unstored_from_ns(asset),
         waiting=lanes.unprocessed(asset),
         shed=0 if lane is None else lane.shed,
+        unassessed=unassessed,
     )
 
 

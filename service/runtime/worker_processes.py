@@ -48,7 +48,9 @@ SLOW_START = 10.0  # after which the service says that it waits for one [s]
 LOOK_EVERY = 0.25  # whether the processes still live: each look reads a file of the system [s]
 UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
+MOST_PAUSE = 60.0  # between two starts of workers where none succeeds: 1 s at first, then twice as long each time [s]
 QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
+_server_starts = threading.Lock()
 NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
@@ -111,6 +113,8 @@ class Processes:
         self._closed = False
         self.deaths = 0
         self._in_a_row = 0  # deaths since a call was answered
+        self._lived = False  # whether any worker's process has been started
+        self._unstarted, self._failures, self._start_at = "", 0, 0.0  # why, how often in a row, the next attempt [s]
 
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
         """Has a call carried out; `done` is called by `collect`."""
@@ -132,6 +136,8 @@ class Processes:
         self._move()
         for worker in self._workers:
             self._next(worker)
+        if not any(worker.executor or worker.starting is not None for worker in self._workers):
+            self._start(self._workers[0])  # also where nothing is asked yet: a service without a worker is not ready
 
     def close(self) -> None:
         """Ends all workers at once: what they compute is computed again by the next start."""
@@ -142,11 +148,19 @@ class Processes:
             self._discard(worker)
 
     def unusable(self) -> str | None:
-        """Why nothing can be computed: workers that end with whatever they are asked."""
-        starting = [w.starting for w in self._workers if w.starting is not None and w.jobs]
-        waited = max((time.monotonic() - since for since in starting), default=0.0)
-        if waited > SLOW_START and not any(w.job is not None for w in self._workers):
-            return f"no worker process could be started for {waited:.0f} s: the process that makes them does not answer"
+        """Why nothing can be computed: no worker lives, or they end with whatever they are asked."""
+        if not any(worker.executor for worker in self._workers):
+            starting = [w.starting for w in self._workers if w.starting is not None]
+            slow = any(time.monotonic() - since > SLOW_START for since in starting)
+            if self._unstarted:
+                return f"no worker process can be started: {self._unstarted}"
+            if slow:
+                return (
+                    f"no worker process could be started for {SLOW_START:g} s: "
+                    "the process that makes them does not answer"
+                )
+            if not self._lived:
+                return "the first worker process is being started"
         if self._in_a_row < MOST_DEATHS:
             return None
         return f"the last {self._in_a_row} calls to the twin ended their worker processes; is there enough memory?"
@@ -266,7 +280,7 @@ class Processes:
 
     def _start(self, worker: _Worker) -> None:
         """Starts a worker's process in a thread, unless one does so already."""
-        if worker.starting is None:
+        if worker.starting is None and not self._closed and time.monotonic() >= self._start_at:
             worker.starting = worker.given_up = time.monotonic()
             threading.Thread(target=self._make, args=(worker,), name="worker start", daemon=True).start()
 
@@ -274,6 +288,8 @@ class Processes:
         """Makes a process. Twice: the server that makes them may have died, too."""
         made: ProcessPoolExecutor | Exception = RuntimeError()
         for _ in range(STARTS):
+            if self._closed:
+                return
             executor = ProcessPoolExecutor(
                 max_workers=1,
                 mp_context=self._context,
@@ -281,6 +297,7 @@ class Processes:
                 initargs=(logging.getLogger().getEffectiveLevel(), self._cache_bytes),
             )
             try:
+                _start_server()
                 executor.submit(os.getpid).result()  # once it has loaded the twin
             except (RuntimeError, OSError, EOFError) as error:  # no thread, process, memory or server
                 made = error
@@ -300,10 +317,13 @@ class Processes:
                 return
             worker.starting = None
             if isinstance(made, ProcessPoolExecutor):
-                worker.executor, self._patience = made, self._start_limit
+                worker.executor, self._patience, self._lived = made, self._start_limit, True
+                self._unstarted, self._failures, self._start_at = "", 0, 0.0
                 continue
-            self._in_a_row += 1
-            log.error("a worker process cannot be started now: %s: %s", type(made).__name__, made)
+            self._unstarted = _why_unstarted(made)
+            self._start_at = time.monotonic() + min(2.0**self._failures, MOST_PAUSE)
+            self._failures += 1
+            log.error("a worker process cannot be started now: %s", self._unstarted)
 
     def _look_after_server(self) -> None:
         """Replaces the server that makes processes where it starts none, or does not say that one has died."""
@@ -378,6 +398,32 @@ def _is_dead(executor: ProcessPoolExecutor) -> bool:
         except (OSError, IndexError):
             return False
     return bool(states) and set(states) == {"Z"}
+
+
+def _why_unstarted(error: Exception) -> str:
+    """Why a worker's process could not be started."""
+    if isinstance(error, BrokenProcessPool):
+        return "it ended while it loaded the twin, and what it printed is on the standard error of the service"
+    return f"{type(error).__name__}: {error}"
+
+
+def _start_server() -> None:
+    """Starts the server that makes processes, unless it runs, with the modules of this process.
+
+    Python would have it look first in the folder in which the command was started, whatever lies there.
+    """
+    given = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+    with _server_starts:
+        before = {name: os.environ.get(name) for name in given}
+        os.environ.update(given)
+        try:
+            forkserver.ensure_running()
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
 
 
 def _kill_server() -> None:
