@@ -51,7 +51,6 @@ MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while anoth
 MOST_PAUSE = 60.0  # between two starts of workers where none succeeds: 1 s at first, then twice as long each time [s]
 QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
 _server_starts = threading.Lock()
-NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -368,11 +367,6 @@ def take_records(reply: Reply, asset: str) -> None:
         logging.getLogger(record.name).handle(record)
 
 
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _refused(call: Call, reason: str) -> Made:
     """What is made of a call that cannot be carried out."""
     about = call.ask.about
@@ -435,14 +429,12 @@ def _kill_server() -> None:
 
 
 def _context() -> BaseContext:
-    """How processes are started: a server that has loaded the twin forks them, with one thread for numbers each.
+    """How processes are started: a server that has loaded the twin forks them.
 
     A service that ends at once leaves locks to Python's tracker of resources, which removes them and need not say so.
     """
     if QUIET_TRACKER not in sys.warnoptions:
         sys.warnoptions.append(QUIET_TRACKER)
-    for name, value in NUMBERS.items():
-        os.environ.setdefault(name, value)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["service.runtime.worker_loading"])
     return context

@@ -1,20 +1,40 @@
-"""The environment that others make: folders of modules that lie about, and workers that cannot be started."""
+"""The environment that others make: folders of modules, workers that cannot be started, proxies, quotas."""
 
 from __future__ import annotations
 
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
+import threading
+import time
 from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
-from service_streams import ROOT, Service, wait_until, write_recording
+from fake_twin import TWIN
+from memory_transport import MemoryNetwork
+from service_streams import ROOT, Service, SqliteFile, wait_until, write_recording
+from test_other_parts import serving as serving_here
 from test_workers import Pool, alive, server
 
+from gear_twin import Client
+from service.access.roles import Role, Who
 from service.cli import run
+from service.json_text import plain
+from service.operation.journey import Journey
+from service.results.asset_life import AssetLife
 from service.runtime import worker_processes
+from service.runtime.assess import assess
+from service.runtime.in_order import InOrder, Pending
+from service.runtime.replay import replay
+from service.runtime.usable_cores import usable_cores
+from service.steady_clock import later_time_ns
 
 BROKEN = "raise ImportError('the kernels of this folder cannot be loaded')\n"
 
@@ -85,3 +105,216 @@ def test_a_service_none_of_whose_workers_lives_is_not_ready_and_says_why_whereve
         assert why in asset["status"]["reasons"][0] and why in asset["data"] + asset["reason"]
         assert "log of the service" in asset["status"]["action"]
         assert running.said()[1].count("cannot be started now") < 10
+
+
+# -- proxies -------------------------------------------------------------------------------------------
+
+
+class Proxy(BaseHTTPRequestHandler):
+    """Notes what it is asked for, and knows nothing."""
+
+    asked: ClassVar[list[str]] = []
+
+    def do_GET(self):
+        self.asked.append(self.path)
+        self.send_error(502)
+
+    do_POST = do_CONNECT = do_GET
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def proxy(monkeypatch):
+    """A proxy that the environment names for everything."""
+    Proxy.asked.clear()
+    with ThreadingHTTPServer(("127.0.0.1", 0), Proxy) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        for name in ("http_proxy", "https_proxy", "all_proxy"):
+            monkeypatch.setenv(name, f"http://127.0.0.1:{server.server_port}")
+            monkeypatch.setenv(name.upper(), f"http://127.0.0.1:{server.server_port}")
+        yield Proxy.asked
+        server.shutdown()
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "127.0.0.2", socket.gethostname()])
+def test_commands_and_the_client_ask_a_service_directly_whatever_proxy_is_named(proxy, capsys, host):
+    """The image's health check is `gear-twin ready`."""
+
+    class Ready(Proxy):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b'{"status": "ready"}' if self.path == "/readyz" else b"[]")
+
+    with ThreadingHTTPServer(("0.0.0.0", 0), Ready) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://{host}:{server.server_port}"
+        assert run(["ready", "--url", url]) == 0 and capsys.readouterr().out == "ready\n"
+        with Client(url) as client:
+            assert client.assets() == []
+        server.shutdown()
+    assert proxy == []
+
+
+@pytest.mark.parametrize("given", [{}, {"NO_PROXY": "example.org"}, {"no_proxy": "*"}])
+def test_webhooks_and_whatever_else_reads_the_environment_reach_this_computer_directly(proxy, given):
+    """In a process of its own, as the variables are read where the program begins."""
+    program = (
+        "import service, httpx, urllib.request, sys\n"
+        "for url in sys.argv[1:]:\n"
+        "    for ask in (httpx.get, urllib.request.urlopen)[:1 if '[' in url else 2]:\n"
+        "        try: ask(url)\n"
+        "        except Exception: pass\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if name.lower() != "no_proxy"} | given
+    urls = [f"http://{host}:9/" for host in ("127.0.0.1", "localhost", "[::1]", "plant.example")]
+    urls = urls[: 3 if given == {"no_proxy": "*"} else 4]
+    subprocess.run([sys.executable, "-c", program, *urls], env=environment, check=True, timeout=60)
+    assert proxy == urls[3:] * 2
+
+
+# -- quotas --------------------------------------------------------------------------------------------
+
+
+def groups(folder, text, **files):
+    """Control groups as a kernel shows them: `self` says which are this process's; files by their place."""
+    (folder / "self").write_text(text)
+    for place, content in files.items():
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        (folder / place).write_text(content)
+    return usable_cores(folder / "self", folder)
+
+
+GROUP = next(f for f in (Path("/sys/fs/cgroup/cpu"), Path("/sys/fs/cgroup")) if f.name == "cgroup" or f.exists())
+
+
+def may_make_groups():
+    """Whether control groups with a quota can be made here: of version 1, or below the root of version 2."""
+    tried = GROUP / f"gear-twin-tried-{os.getpid()}"
+    try:
+        tried.mkdir()
+        made = any((tried / name).exists() for name in ("cpu.cfs_quota_us", "cpu.max"))
+        tried.rmdir()
+        return made
+    except OSError:
+        return False
+
+
+OWN = len(os.sched_getaffinity(0))
+
+
+@pytest.mark.parametrize(
+    ("text", "files", "cores"),
+    [
+        ("0::/\n", {"cpu.max": "100000 100000\n"}, 1),
+        ("0::/\n", {"cpu.max": "50000 100000\n"}, 1),
+        ("0::/\n", {"cpu.max": "max 100000\n"}, OWN),
+        ("0::/kubepods/pod1\n", {"kubepods/cpu.max": "100000 100000\n", "kubepods/pod1/cpu.max": "max 100000\n"}, 1),
+        ("0::/../other\n", {"cpu.max": "100000 100000\n"}, 1),
+        ("4:cpu,cpuacct:/docker/a\n", {"cpu,cpuacct/docker/a/cpu.cfs_quota_us": "150000\n",
+                                       "cpu,cpuacct/docker/a/cpu.cfs_period_us": "100000\n"}, 1),
+        ("4:cpu:/docker/a\n", {"cpu/cpu.cfs_quota_us": "20000\n", "cpu/cpu.cfs_period_us": "20000\n"}, 1),
+        ("4:cpu:/\n", {"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, OWN),
+        ("4:cpuset:/\n", {"cpuset/cpu.max": "1 100000\n"}, OWN),
+        ("", {}, OWN),
+    ],
+)  # fmt: skip
+def test_cores_are_those_of_the_quota_where_a_control_group_has_one(tmp_path, monkeypatch, text, files, cores):
+    assert groups(tmp_path, text, **files) == cores
+
+
+def test_a_quota_above_one_core_is_whole_cores_of_a_large_machine(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)))
+    assert groups(tmp_path, "0::/\n", **{"cpu.max": "450000 100000\n"}) == 4
+    assert groups(tmp_path, "0::/\n", **{"cpu.max": "9900000 100000\n"}) == 64
+
+
+@pytest.mark.containers
+@pytest.mark.skipif(not may_make_groups(), reason="no control group of processor time can be made here")
+def test_a_process_in_a_real_control_group_with_a_quota_has_no_more_workers_than_that():
+    own = GROUP / f"gear-twin-test-{os.getpid()}"
+    own.mkdir()
+    limit, quota = ("cpu.cfs_quota_us", "100000") if GROUP.name == "cpu" else ("cpu.max", "100000 100000")
+    (own / limit).write_text(quota)
+    program = (
+        f"import os\nopen({str(own / 'cgroup.procs')!r}, 'w').write(str(os.getpid()))\n"
+        "from service.runtime.usable_cores import usable_cores\nprint(usable_cores())"
+    )
+    try:
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+        assert done.stdout == "1\n", done.stderr
+    finally:
+        own.rmdir()
+
+
+# -- a clock that is set back --------------------------------------------------------------------------
+
+
+@pytest.fixture
+def stepped(monkeypatch):
+    """Sets this machine's clock back by a day, as a person or a time service might; returns it to how it was before."""
+    real, by = time.time_ns, [0]
+    monkeypatch.setattr(time, "time_ns", lambda: real() - by[0])
+    monkeypatch.setattr(time, "time", lambda: (real() - by[0]) / 1e9)
+
+    def step(seconds=86_400):
+        by[0] = round(seconds * 1e9)
+
+    return step
+
+
+def test_a_clock_that_is_set_back_dates_nothing_earlier_than_before_and_one_set_forward_is_followed(stepped):
+    before = later_time_ns()
+    stepped()
+    assert 0 <= later_time_ns() - before < 60e9
+    stepped(-86_400)
+    assert later_time_ns() - before > 86_000e9
+
+
+def test_a_credential_that_has_expired_stays_so_when_the_clock_is_set_back(stepped):
+    who = Who(kind="key", name="a", role=Role.read, address=None, expires=time.time() - 5)
+    assert who.expired
+    stepped()
+    assert who.expired and not who.may(Role.read)
+
+
+def test_a_window_that_waits_has_waited_as_long_when_the_clock_is_set_back(stepped):
+    journey = Journey()
+    stepped()
+    journey.stored_ns = later_time_ns()
+    wait_until(lambda: journey.waited > 0.01)
+    assert 0 <= journey.delay < 5
+
+
+def test_what_was_asked_before_the_clock_was_set_back_is_carried_out_before_what_is_asked_after(store, stepped):
+    store.keep("unsw")
+    life, order = AssetLife(store.database), []
+    store.add_decision("unsw", "misalignment", "pin")
+    stepped()
+    life.add_change("unsw", "oil_changed", {})
+
+    def asking(what, waiting):
+        """A worker with one queue."""
+        asked = threading.Event()
+        asked.set()
+        queue = [Pending(each.received_ns, lambda: order.append(what)) for each in waiting]
+        return SimpleNamespace(asked=asked, pending=lambda: [queue])
+
+    InOrder(asking("change", life.pending_changes()), asking("decision", store.pending_decisions()))()
+    assert order == ["decision", "change"]
+
+
+def test_frames_of_now_are_used_at_their_own_times_when_the_clock_of_the_service_is_set_back(tmp_path, stepped):
+    late = time.time() - 1_700_000_000 - 3600
+    recording, network = write_recording(tmp_path / "now.mcap", windows=3, later=late), MemoryNetwork()
+    with serving_here(tmp_path, network, SqliteFile(tmp_path / "sqlite")) as running:
+        stepped()
+        replay(recording, (), 0, publish_to=network.open_publisher)
+        windows = running.wait_for_windows(3, seconds=20.0)
+        assert not any(window["faults"] for window in windows)
+    stepped(0)
+    assert [w["quality"] for w in windows] == ["good"] * 3
+    expected = plain(assess(recording, twin=TWIN))["windows"]
+    assert [w["start_time"] for w in windows] == [w["start_time"] for w in expected]
