@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import re
 import shutil
 import socket
+import sqlite3
+import stat
 import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
+import sqlalchemy
 from fake_twin import TWIN
 from memory_transport import MemoryNetwork
-from service_streams import ROOT, Service, SqliteFile, wait_until, write_recording
+from service_streams import ROOT, Service, SqliteFile, free_port, wait_until, write_recording
 from test_other_parts import serving as serving_here
 from test_workers import Pool, alive, server
 
 from gear_twin import Client
 from service.access.roles import Role, Who
 from service.cli import run
+from service.errors import InputError, StoreError
 from service.json_text import plain
 from service.operation.journey import Journey
+from service.results import backends, database, migrate
 from service.results.asset_life import AssetLife
+from service.results.data_folder import only_service_of
 from service.runtime import worker_processes
 from service.runtime.assess import assess
 from service.runtime.in_order import InOrder, Pending
@@ -318,3 +326,76 @@ def test_frames_of_now_are_used_at_their_own_times_when_the_clock_of_the_service
     assert [w["quality"] for w in windows] == ["good"] * 3
     expected = plain(assess(recording, twin=TWIN))["windows"]
     assert [w["start_time"] for w in windows] == [w["start_time"] for w in expected]
+
+
+# -- file systems of others ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [errno.EBADF, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS])
+def test_a_file_system_that_locks_files_alone_is_used_and_keeps_a_second_service_out(tmp_path, monkeypatch, number):
+    """On NFS a folder, which can only be opened for reading, cannot be locked."""
+    real = fcntl.flock
+
+    def flock(file, how):
+        if stat.S_ISDIR(os.fstat(file if isinstance(file, int) else file.fileno()).st_mode):
+            raise OSError(number, os.strerror(number))
+        real(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with ExitStack() as stack:
+        stack.enter_context(only_service_of(tmp_path))
+        with pytest.raises(InputError, match="another service has this"), only_service_of(tmp_path):
+            pass
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EIO])
+def test_a_file_system_without_locks_is_refused_with_the_reason(tmp_path, monkeypatch, number):
+    def flock(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with pytest.raises(InputError) as refused, only_service_of(tmp_path):
+        pass
+    assert os.strerror(number) in str(refused.value) and "another service" not in str(refused.value)
+    assert "give a directory on a disk of this computer" in str(refused.value)
+
+
+@pytest.mark.parametrize("vfs", ["unix-dotfile", "unix-none"])
+def test_a_service_does_not_begin_where_sqlite_cannot_have_a_write_ahead_log(tmp_path, monkeypatch, capsys, vfs):
+    """SQLite's own way to a file system without shared memory."""
+    make = sqlalchemy.create_engine
+
+    def without_shared_memory(url, **given):
+        def connect():
+            return sqlite3.connect(f"file:{url.database}?vfs={vfs}", uri=True, check_same_thread=False)
+
+        given.pop("connect_args")
+        return make(url, creator=connect, **given)
+
+    monkeypatch.setattr(sqlalchemy, "create_engine", without_shared_memory)
+    monkeypatch.setattr(database, "upgrade", migrate.upgrade)  # of a new file
+    monkeypatch.setenv("GEAR_TWIN_HTTP", f"127.0.0.1:{free_port()}")
+    assert run(["serve", "--data", str(tmp_path)]) == 2
+    said = capsys.readouterr()
+    assert "does not allow the write-ahead log (WAL) of SQLite" in said.err and "serves" not in said.out
+    assert said.err.strip().count("\n") <= 1 and "PostgreSQL" in said.err
+
+
+def test_shared_memory_that_cannot_be_mapped_is_said_at_the_start(tmp_path):
+    connection = SimpleNamespace(execute=failing(sqlite3.SQLITE_IOERR_SHMMAP))
+    with pytest.raises(StoreError, match="does not allow the write-ahead log"):
+        backends._log_ahead(connection)
+    connection.execute = failing(sqlite3.SQLITE_FULL)
+    with pytest.raises(sqlite3.OperationalError):
+        backends._log_ahead(connection)
+
+
+def failing(code):
+    """A statement that SQLite ends with a code."""
+
+    def execute(_):
+        error = sqlite3.OperationalError("disk I/O error")
+        error.sqlite_errorcode = code
+        raise error
+
+    return execute
