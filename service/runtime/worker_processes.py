@@ -12,28 +12,23 @@ thread of its own, since that server may not answer: it is replaced after a time
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
 import queue
-import signal
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import forkserver
-from multiprocessing.context import BaseContext
 from pathlib import Path
 
 from service.errors import FAULT
 from service.runtime import worker_task
 from service.runtime.computing import Call, Made, WindowToUse
 from service.runtime.curves import CurvePlace, Curves
+from service.runtime.worker_server import kill_server, server_context, start_server
 from service.runtime.worker_task import Reply, Tasks
 from twin.windows import Window
 
@@ -49,8 +44,6 @@ LOOK_EVERY = 0.25  # whether the processes still live: each look reads a file of
 UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
 MOST_PAUSE = 60.0  # between two starts of workers where none succeeds: 1 s at first, then twice as long each time [s]
-QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
-_server_starts = threading.Lock()
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -108,7 +101,7 @@ class Processes:
         self._looked = 0.0  # when it was last looked whether the processes live [s]
         self._ended: queue.SimpleQueue[tuple[_Worker, _Job, Future[Reply]]] = queue.SimpleQueue()
         self._tasks, self._keep = Tasks(curves), keep
-        self._context = _context()
+        self._context = server_context()
         self._closed = False
         self.deaths = 0
         self._in_a_row = 0  # deaths since a call was answered
@@ -142,7 +135,7 @@ class Processes:
         """Ends all workers at once: what they compute is computed again by the next start."""
         self._closed = True
         if any(worker.starting is not None for worker in self._workers):
-            _kill_server()  # which may be stopped, and would be left behind
+            kill_server()  # which may be stopped, and would be left behind
         for worker in self._workers:
             self._discard(worker)
 
@@ -296,7 +289,7 @@ class Processes:
                 initargs=(logging.getLogger().getEffectiveLevel(), self._cache_bytes),
             )
             try:
-                _start_server()
+                start_server()
                 executor.submit(os.getpid).result()  # once it has loaded the twin
             except (RuntimeError, OSError, EOFError) as error:  # no thread, process, memory or server
                 made = error
@@ -350,7 +343,7 @@ class Processes:
         for worker in self._workers:
             if worker.job is not None:
                 worker.job.tries -= 1
-        _kill_server()
+        kill_server()
 
     def _discard(self, worker: _Worker) -> None:
         """Ends a worker's process, without waiting; the next call starts another."""
@@ -399,42 +392,3 @@ def _why_unstarted(error: Exception) -> str:
     if isinstance(error, BrokenProcessPool):
         return "it ended while it loaded the twin, and what it printed is on the standard error of the service"
     return f"{type(error).__name__}: {error}"
-
-
-def _start_server() -> None:
-    """Starts the server that makes processes, unless it runs, with the modules of this process.
-
-    Python would have it look first in the folder in which the command was started, whatever lies there.
-    """
-    given = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
-    with _server_starts:
-        before = {name: os.environ.get(name) for name in given}
-        os.environ.update(given)
-        try:
-            forkserver.ensure_running()
-        finally:
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
-
-
-def _kill_server() -> None:
-    """Kills the server that makes processes, also where it has been stopped."""
-    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
-    if server is not None:
-        with suppress(ProcessLookupError):
-            os.kill(server, signal.SIGKILL)
-
-
-def _context() -> BaseContext:
-    """How processes are started: a server that has loaded the twin forks them.
-
-    A service that ends at once leaves locks to Python's tracker of resources, which removes them and need not say so.
-    """
-    if QUIET_TRACKER not in sys.warnoptions:
-        sys.warnoptions.append(QUIET_TRACKER)
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["service.runtime.worker_loading"])
-    return context

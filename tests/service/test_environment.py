@@ -37,11 +37,11 @@ from service.operation.journey import Journey
 from service.results import backends, database, migrate
 from service.results.asset_life import AssetLife
 from service.results.data_folder import only_service_of
-from service.runtime import worker_processes
 from service.runtime.assess import assess
 from service.runtime.in_order import InOrder, Pending
 from service.runtime.replay import replay
 from service.runtime.usable_cores import usable_cores
+from service.runtime.worker_server import kill_server
 from service.steady_clock import later_time_ns
 
 BROKEN = "raise ImportError('the kernels of this folder cannot be loaded')\n"
@@ -70,7 +70,7 @@ def test_workers_take_the_modules_of_the_service_whatever_lies_where_it_is_start
 def end_server():
     """Has the next worker made by a new server of processes."""
     if server() is not None:
-        worker_processes._kill_server()
+        kill_server()
         wait_until(lambda: not alive([server()]))
 
 
