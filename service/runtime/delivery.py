@@ -95,6 +95,7 @@ class Delivery:
         self._asked = clock()
         self._sent: dict[tuple[str, str], Ranges] = {}  # sequence numbers by stream and channel
         self._last: dict[tuple[str, str], tuple[int, int]] = {}  # by stream and channel: the newest frame sent
+        self._first: set[tuple[str, str]] = set()  # of them, those whose first frame is not known to have come
         self._disordered: set[tuple[str, str]] = set()  # of them, those that were not sent in order of time
         self._instances: dict[str, set[str]] = {}
         self._left_out: dict[str, tuple[Counter[str], Counter[str]]] = {}  # by service: at first, and by now
@@ -119,6 +120,8 @@ class Delivery:
         self.begin([stream])
         if not self._publisher.linked(frame.channel):
             self._send_again()
+        if (stream, frame.channel.label) in self._first:  # no gap would show later that it was lost
+            self._until(lambda: True)
         self._publisher.publish(frame)
         self._keep(frame)
         self._since_asked[0] += 1
@@ -165,6 +168,7 @@ class Delivery:
                 arrived, sent_again = now, 0
             if come:
                 arrived = now
+                self._first.clear()
                 if enough():
                     self._since_asked, self._asked = [0, 0], now
                     return
@@ -207,7 +211,6 @@ class Delivery:
             self._received += sum(each.start_time_ns for p in positions for each in p.channels.values())
             if all(here) and not anew:
                 self._settle(stream, positions)
-                self._fill_gaps(stream, positions)
             else:
                 come = False
         if restarted:  # once for all streams, however many have found that out
@@ -254,33 +257,30 @@ class Delivery:
         return restarted
 
     def _settle(self, stream: str, positions: list[PositionModel]) -> None:
-        """Forgets what everyone who answers has stored."""
+        """Forgets what everyone who answers has stored, and sends again what someone waits for."""
         held_from = min((p.unsettled_from_ns for p in positions if p.unsettled_from_ns is not None), default=None)
+        waited_for = [
+            (label, first, last)
+            for position in positions
+            for label, channel in position.channels.items()
+            for first, last in channel.missing
+        ]
         kept: deque[_Kept] = deque()
+        missing = []
         for each in self._kept:
-            if each.stream == stream and (held_from is None or each.start_ns < held_from):
+            if each.stream == stream and any(
+                each.label == label and first <= each.sequence <= last for label, first, last in waited_for
+            ):
+                missing.append(each)
+                kept.append(each)
+            elif each.stream == stream and (held_from is None or each.start_ns < held_from):
                 self.settled += 1
                 if each.frame is not None:
                     self._bytes -= each.size
             else:
                 kept.append(each)
         self._kept = kept
-
-    def _fill_gaps(self, stream: str, positions: Iterable[PositionModel]) -> None:
-        """Sends again what a service has missed among what it has."""
-        missing = [
-            (label, first, last)
-            for position in positions
-            for label, channel in position.channels.items()
-            for first, last in channel.missing
-        ]
-        if missing:
-            self._put_again(
-                each
-                for each in self._kept
-                if each.stream == stream
-                and any(each.label == label and first <= each.sequence <= last for label, first, last in missing)
-            )
+        self._put_again(missing)
 
     # -- what is kept --------------------------------------------------------------------------------
 
@@ -291,6 +291,8 @@ class Delivery:
             self.invalid += 1  # the service counts it: there is nothing to store
             return
         stream, label, size = frame.channel.asset, frame.channel.label, len(frame.payload)
+        if (stream, label) not in self._last:
+            self._first.add((stream, label))
         self._note_last(stream, label, sequence, start)
         self._sent.setdefault((stream, label), Ranges()).add(sequence)
         self._kept.append(_Kept(frame, stream, label, sequence, start, size))
