@@ -142,6 +142,7 @@ class Delivery:
             found |= now - first
         del found["duplicate"]  # sent again, or stored before
         found["lost"] -= sum(each.holes for each in self._sent.values())  # were not there to be sent
+        found["sequence_jump"] -= sum(len(each.ranges) - 1 for each in self._sent.values())  # nor were these
         return {cause: number for cause, number in sorted(found.items()) if number > 0}
 
     # -- waiting -------------------------------------------------------------------------------------
