@@ -269,8 +269,8 @@ def record(
         print(f"{done.frames} frames recorded: {out}")
     if unwritten := done.missed + done.left_out + done.refused:
         raise DeliveryError(
-            f"{unwritten} frames are not in {out}: {done.missed} were lost on the way, {done.left_out} came faster than "
-            f"they could be written, and {done.refused} break the contract"
+            f"{unwritten} frames are not in {out}: {done.missed} were lost on the way, {done.left_out} came faster "
+            f"than they could be written, and {done.refused} break the contract"
         )
 
 

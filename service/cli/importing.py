@@ -33,6 +33,16 @@ def import_(
             show_default=False,
         ),
     ] = None,
+    started: Annotated[
+        str | None,
+        typer.Option(
+            help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."
+        ),
+    ] = None,
+    zone: Annotated[
+        str | None,
+        typer.Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False),
+    ] = None,
     prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
@@ -90,7 +100,8 @@ def import_(
     elif out is None:
         raise InputError("--out must name the MCAP file to write; or --guess: propose a mapping for a data file")
     if out is not None:
-        said |= _imported(mapping, out, source, prefix_of(prefix), age, quiet=str(json) == "-")
+        dated = {"started": started, "zone": zone}
+        said |= _imported(mapping, out, source, prefix_of(prefix), age, dated, quiet=str(json) == "-")
     wrote_json(said, json)
 
 
@@ -195,14 +206,21 @@ def _print_proposal(table: Any, proposal: Any) -> None:
 
 
 def _imported(
-    mapping: Path, out: Path, source: Path | None, prefix: str, age: str | None, *, quiet: bool
+    mapping: Path,
+    out: Path,
+    source: Path | None,
+    prefix: str,
+    age: str | None,
+    dated: dict[str, str | None],
+    *,
+    quiet: bool,
 ) -> dict[str, Any]:
     from service.cli.show import progress_bar
     from service.files.import_recording import UNKNOWN_AGE, import_recording
 
     with progress_bar("importing") as bar:
         found = import_recording(
-            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age
+            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age, **dated
         )
     if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
@@ -211,6 +229,8 @@ def _imported(
     for label, counts in found["encoders"].items():
         if any(counts.get(fault) for fault in ("illegal_transitions", "reversals", "missed", "doubled")):
             tell(f"{label}: {found['notes'][label]}")
+    if undated := found["notes"].get("started"):
+        tell(f"started: {undated}")
     for mistake in found["mistakes"]:
         tell(f"likely mistake: {mistake}")
     return found

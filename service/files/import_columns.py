@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from service.files.readers import Column, Table, read_table
 from service.files.readers.table import split_unit
 from service.stream.channels import CHANNEL_KINDS, Layout
 
+EPOCH = (1e9, 4e9)  # seconds since 1970 of a file of this century
 LEAST_PRESENT = 0.5  # share of a column that must be there
 
 
@@ -57,9 +58,14 @@ def read_columns(mapping: ImportMapping, path: Path) -> DataFile:
         mapping=replace(mapping, channels=channels),
         channels=_from_one_origin(measured, axis),
         units={c.label: _stated_unit(table, c) for c in channels},
-        started=table.started,
+        started=table.started or _of_epoch(axis),
         notes=table.notes,
     )
+
+
+def _of_epoch(axis: TimeAxis | None) -> datetime | None:
+    """The start of a time column that counts seconds since 1970, which are UTC; None of any other."""
+    return datetime.fromtimestamp(axis.start, UTC) if axis is not None and EPOCH[0] < axis.start < EPOCH[1] else None
 
 
 def _stated_unit(table: Table, channel: ChannelMapping) -> str:

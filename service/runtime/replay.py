@@ -129,6 +129,8 @@ def replay(
         if asset is not None and len(recording.assets) > 1:
             known = ", ".join(recording.assets)
             raise InputError(f"{path}: holds the assets {known}: only a recording of one can have another name")
+        if recording.metadata.get("started") == "":
+            raise InputError(f"{path}: when it was recorded is not known; import it again with --started, or --zone")
         if recording.rig_text is not None:
             for name in recording.assets if asset is None else [asset]:
                 publisher.offer_rig(name, recording.rig_text)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.table import Column, Table, array_columns
 
 UNITS = ("unit", "units", "Unit", "Units")
@@ -37,8 +38,12 @@ def read_hdf5(path: Path) -> Table:
             else:
                 others.append(name)
 
+        stated: list[tuple[str, Any]] = list(file.attrs.items())
         file.visititems(visit)
-    return Table(format="HDF5", columns=tuple(columns), numbers=numbers, other_names=tuple(others))
+        file.visititems(lambda name, item: stated.extend(item.attrs.items()))
+        stated += [(name, file[name][()]) for name in others if file[name].shape == ()]
+    started = stated_in(stated)
+    return Table(format="HDF5", columns=tuple(columns), numbers=numbers, other_names=tuple(others), started=started)
 
 
 def _text(item: Any, names: Collection[str]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.table import Column, Table, array_columns
 
 
@@ -38,7 +39,8 @@ def _table(name: str, content: Mapping[str, Any]) -> Table:
         columns += found
         if not found:
             others.append(label)
-    return Table(format=name, columns=tuple(columns), numbers=numbers, other_names=tuple(others))
+    started = stated_in(_leaves(content))
+    return Table(format=name, columns=tuple(columns), numbers=numbers, other_names=tuple(others), started=started)
 
 
 def _leaves(content: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.table import Column, Table, split_unit
 
 
@@ -17,6 +18,10 @@ def read_parquet(path: Path) -> Table:
 
     table = parquet.read_table(path)
     columns, others = [], []
+    dates = [(key.decode(), value) for key, value in (table.schema.metadata or {}).items()]
+    for field, data in zip(table.schema, table.columns, strict=True):
+        if pyarrow.types.is_timestamp(field.type) and len(data) and data[0].is_valid:
+            dates.insert(0, ("date", f"{data[0].as_py()}".encode()))
     for field, data in zip(table.schema, table.columns, strict=True):
         values = _values(pyarrow, field.type, data)
         if values is None or values.size < 2:
@@ -25,7 +30,7 @@ def read_parquet(path: Path) -> Table:
         stated = (field.metadata or {}).get(b"unit", b"").decode()
         unit = "s" if pyarrow.types.is_timestamp(field.type) else stated or split_unit(field.name)[1]
         columns.append(Column(name=field.name, values=values, unit=unit))
-    return Table(format="Parquet", columns=tuple(columns), other_names=tuple(others))
+    return Table(format="Parquet", columns=tuple(columns), other_names=tuple(others), started=stated_in(dates))
 
 
 def _values(pyarrow: Any, kind: Any, data: Any) -> np.ndarray | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.table import Column, Table, unique_names
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
@@ -39,9 +40,14 @@ def read_tdms(path: Path) -> Table:
         )
         starts.append(_moment(channel.properties.get("wf_start_time")))
     known = [s for s in starts if s is not None]
-    return Table(
-        format="TDMS", columns=tuple(columns), other_names=tuple(others), started=min(known) if known else None
-    )
+    started = min(known) if known else stated_in(_with_utc(file))
+    return Table(format="TDMS", columns=tuple(columns), other_names=tuple(others), started=started)
+
+
+def _with_utc(file: Any) -> dict[str, Any]:
+    """The properties of file and groups; their times are UTC, as all times of this format."""
+    properties = {k: v for holder in (*file.groups(), file) for k, v in holder.properties.items()}
+    return {k: f"{v}Z" if isinstance(v, np.datetime64) else v for k, v in properties.items()}
 
 
 def _moment(value: Any) -> datetime | None:

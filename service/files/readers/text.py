@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.table import Column, Table
 from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of, layout_of, stated_rate
 
@@ -51,7 +52,16 @@ def read_text(path: Path, form: TextForm | None = None) -> Table:
         columns.append(Column(name=layout.names[i], values=data, unit="s" if moment else layout.units[i]))
     others = tuple(layout.names[i] for i in filled if i not in chosen)
     rate = stated_rate(lines[: layout.first])
-    return Table(format="CSV", columns=tuple(columns), rate=rate, notes=notes, other_names=others)
+    first = cells_of(rows[0], layout.separator)
+    texts = [("date" if layout.moments[i] else layout.names[i], first[i]) for i in filled if not layout.numeric[i]]
+    started = stated_in([*texts, *map(_entry, lines[: layout.first])])
+    return Table(format="CSV", columns=tuple(columns), started=started, rate=rate, notes=notes, other_names=others)
+
+
+def _entry(line: str) -> tuple[str, str]:
+    """A line of the preamble as name and value; one that is nothing but a date, as a date."""
+    name, _, value = re.sub("[:=;,\t]", "\0", line, count=1).partition("\0")
+    return (name, value) if any(c.isalpha() for c in name) else ("date", line)
 
 
 def _lines(path: Path) -> list[str]:
