@@ -14,6 +14,14 @@ from service.cli.assessing import Prefix, prefix_of, tell
 from service.json_text import wrote_json
 
 GUESSING = "With --guess"
+Started = Annotated[
+    str | None,
+    typer.Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
+]
+Zone = Annotated[
+    str | None,
+    typer.Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False),
+]
 
 
 def import_(
@@ -33,16 +41,8 @@ def import_(
             show_default=False,
         ),
     ] = None,
-    started: Annotated[
-        str | None,
-        typer.Option(
-            help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."
-        ),
-    ] = None,
-    zone: Annotated[
-        str | None,
-        typer.Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False),
-    ] = None,
+    started: Started = None,
+    zone: Zone = None,
     prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")

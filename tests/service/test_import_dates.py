@@ -127,10 +127,8 @@ def hdf5(path):
 
 def parquet(path):
     pyarrow = pytest.importorskip("pyarrow")
-    import pyarrow.parquet
-
     table = pyarrow.table({"acc": VALUES}).replace_schema_metadata({"recorded": "2026-03-12 08:14:00"})
-    pyarrow.parquet.write_table(table, path)
+    pytest.importorskip("pyarrow.parquet").write_table(table, path)
 
 
 def tdms(path):
@@ -188,7 +186,7 @@ def test_a_file_without_a_date_is_offered_its_own_time_and_replayed_by_no_servic
 
 def test_a_date_of_the_future_is_refused(tmp_path, imported):
     csv(tmp_path / "run.csv", "Date: 2126-03-12T08:14:00Z\n")
-    with pytest.raises(InputError, match="begins at 2126-03-12T08:14:00.00:00, which is in the future"):
+    with pytest.raises(InputError, match=r"begins at 2126-03-12T08:14:00\+00:00, which is in the future"):
         imported(tmp_path / "run.csv", "Acc (g)")
 
 
