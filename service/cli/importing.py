@@ -145,7 +145,7 @@ def _proposed(
     """The mapping file that was written for a data file, and what is in it."""
     from service.errors import InputError
     from service.files.guess import plain_name, proposal_of
-    from service.files.guess_mapping import Known, mapping_text, with_reference
+    from service.files.guess_mapping import Known, contradicted_speed, mapping_text, with_reference
     from service.files.readers import read_table
     from service.files.rig import load_rig
     from service.json_text import write_text
@@ -172,6 +172,8 @@ def _proposed(
         pulses_per_rev=pulses_per_rev,
         age=given["age"],
     )
+    if mistake := contradicted_speed(proposal, known):
+        raise InputError(mistake)
     text = mapping_text(proposal, known)
     if path.exists() and not force and path.read_text(encoding="utf-8") != text + "\n":
         raise InputError(f"{path} is there already, with other content; --force replaces it, --write names another")

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.errors import InputError
-from service.files.import_rate import TimeAxis, even_axis, is_time, time_axis
+from service.files.import_rate import AGREEMENT, TimeAxis, even_axis, is_time, time_axis
 from service.files.readers import Column, Table
 from service.files.readers.table import split_unit
 from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
@@ -151,6 +151,9 @@ def _rate_of(column: Column, table: Table, axis: TimeAxis | None, rate: float | 
 
 
 def _rate_from(table: Table, axis: TimeAxis | None, rate: float | None, rates: set[float | None]) -> str:
+    others = rates | ({axis.rate} if axis else set())
+    if rate is not None and (wrong := [r for r in others if r is not None and abs(r / rate - 1) > AGREEMENT]):
+        return f"the file gives {', '.join(f'{r:.9g}' for r in sorted(wrong))} Hz, which contradicts --rate {rate:.9g}"
     if any(c.rate is not None or c.times is not None for c in table.columns):
         return "stated by the file" if len(rates) == 1 else "stated by the file, different by channel"
     if rate is not None:

@@ -205,3 +205,33 @@ def test_the_command_takes_date_and_zone(tmp_path, monkeypatch, capsys):
         assert datetime.fromisoformat(recording.metadata["started"]) == BEGAN
     assert run([*options, "--started", "yesterday"]) == 2
     assert "--started = 'yesterday' must be a date with a time of day" in capsys.readouterr().err
+
+
+def _tachometer(speed):
+    t = np.arange(20000) / 5000.0
+    return t, np.sin(2 * np.pi * 23 * speed * t), np.where((speed * t) % 1 < 0.05, 5.0, 0.1)
+
+
+def _own_csv(path):
+    rows = "\n".join(f"{t:.5f},{a:.5f},{p}" for t, a, p in zip(*_tachometer(29.3), strict=True))
+    path.write_text(f"Time (s),Acc (g),Tacho (V)\n{rows}\n")
+
+
+@pytest.mark.parametrize(("speed", "said"), [("1752", "is it in revolutions a minute?"), ("12", "leave it out")])
+def test_a_speed_that_the_files_tachometer_contradicts_is_refused(tmp_path, monkeypatch, capsys, speed, said):
+    monkeypatch.chdir(tmp_path)
+    _own_csv(tmp_path / "run.csv")
+    assert run(["import", "run.csv", "--guess", "--teeth", "23/57", "--speed", speed]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "contradicted by the file's tachometer, which gives 29.3 Hz" in told and said in told
+
+
+def test_a_rate_that_the_file_contradicts_is_not_printed_as_given(tmp_path, monkeypatch, capsys):
+    """`--rate 12800` was once printed as "8000 Hz (as given)"."""
+    monkeypatch.chdir(tmp_path)
+    _own_csv(tmp_path / "run.csv")
+    wav(tmp_path / "run.wav")
+    for name, rate in (("run.csv", 5000), ("run.wav", 2000)):
+        assert run(["import", name, "--guess", "--rate", "12800", "--force"]) == 0
+        told = " ".join(capsys.readouterr().out.split())
+        assert f"the file gives {rate} Hz, which contradicts --rate 12800" in told
