@@ -72,7 +72,7 @@ def _demand_before(until: float, frame: RawFrame, path: str | Path) -> None:
 
 @contextmanager
 def _told_after(seconds: float, tell: Callable[[str], None], line: str) -> Iterator[Callable[[], None]]:
-    """Tells a line after a time, unless what is given is called, or this is left, before."""
+    """Says a line after a time, if neither what is given has been called nor the block been left by then."""
     timer = Timer(seconds, tell, (line,))
     timer.daemon = True
     timer.start()
