@@ -3,8 +3,8 @@
     python docs/examples/machine.py
 
 Stand-ins for recordings of one's own: a 23/57 spur pair at about 24.6 Hz, two accelerometers in g, a tachometer in V
-with one pulse per turn of the pinion, a time column, a different load in each file. Every tooth differs a little from
-the next, as in real gears.
+with one pulse per turn of the pinion, a time column, a date in the first line, a different load in each file. Every
+tooth differs a little from the next, as in real gears.
 """
 
 import csv
@@ -49,9 +49,10 @@ def recording(
     return np.column_stack((t, *signals, pulse))
 
 
-def write(name: str, values: np.ndarray) -> None:
+def write(name: str, values: np.ndarray, date: str = "2026-03-09T08:00:00Z") -> None:
     with open(name, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
+        file.write(f"Date: {date}\r\n")
         table.writerow(COLUMNS)
         table.writerows([f"{v:.6g}" for v in row] for row in values)
 
@@ -59,5 +60,5 @@ def write(name: str, values: np.ndarray) -> None:
 if __name__ == "__main__":
     write("run.csv", recording(load=0.5, seed=7, modulation=0.15, duration=20.0))
     for number, load in enumerate(LOADS, 1):
-        write(f"healthy-{number}.csv", recording(load, seed=number))
-    write("today.csv", recording(load=0.5, seed=99, blow=0.3))
+        write(f"healthy-{number}.csv", recording(load, seed=number), f"2026-03-02T{7 + number:02}:00:00Z")
+    write("today.csv", recording(load=0.5, seed=99, blow=0.3), "2026-03-16T08:00:00Z")

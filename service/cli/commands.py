@@ -38,9 +38,11 @@ from service.cli.ready import ready
 from service.cli.rest import asking
 from service.cli.signals import signals
 from service.cli.what_if import what_if
+from service.errors import DeliveryError
 from service.fleet.commands import app as fleet
 from service.json_text import write_text, wrote_json
 
+CLOCKS_DIFFER = 60.0  # by which a logger's clock may be ahead of this computer's [s]
 GROUPS = ("Get started", "Assess a machine", "Learn and calibrate", "Recordings and data", "Look after a service")
 
 
@@ -205,6 +207,9 @@ def replay(
     recorded: Annotated[
         str | None, typer.Option(metavar="PREFIX", help="First part of the recording's topics, where it is another.")
     ] = None,
+    future: Annotated[
+        bool, typer.Option("--future", help="Take a recording that is dated in the future, such as a simulated one.")
+    ] = False,
     config: ConfigFile = None,
     json: JsonFile = None,
 ) -> None:
@@ -229,6 +234,7 @@ def replay(
             on_fault=tell,
             asset=asset,
             recorded=recorded,
+            until=float("inf") if future else time.time() + CLOCKS_DIFFER,
             publish_to=partial(open_publisher, links=settings.zenoh_links),
         )
     seconds = time.monotonic() - begun
@@ -259,10 +265,13 @@ def record(
         source = connect or ([] if listen else settings.connect)
         links = settings.zenoh_links
         done = record_live(out, source, listen, duration, rig, description, settings.prefix, links)
-    if done.missed or done.left_out:
-        tell(f"{done.missed} frames were lost on the way, and {done.left_out} came faster than they could be written")
     if not wrote_json({"recording": str(out), **done._asdict()}, json):
-        print(f"{done.frames} frames recorded, {done.refused} refused: {out}")
+        print(f"{done.frames} frames recorded: {out}")
+    if unwritten := done.missed + done.left_out + done.refused:
+        raise DeliveryError(
+            f"{unwritten} frames are not in {out}: {done.missed} were lost on the way, {done.left_out} came faster "
+            f"than they could be written, and {done.refused} break the contract"
+        )
 
 
 @app.command(rich_help_panel=DATA)

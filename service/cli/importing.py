@@ -14,6 +14,14 @@ from service.cli.assessing import Prefix, prefix_of, tell
 from service.json_text import wrote_json
 
 GUESSING = "With --guess"
+Started = Annotated[
+    str | None,
+    typer.Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
+]
+Zone = Annotated[
+    str | None,
+    typer.Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False),
+]
 
 
 def import_(
@@ -33,6 +41,8 @@ def import_(
             show_default=False,
         ),
     ] = None,
+    started: Started = None,
+    zone: Zone = None,
     prefix: Prefix = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
@@ -89,7 +99,8 @@ def import_(
     elif out is None:
         raise InputError("--out must name the MCAP file to write; or --guess: propose a mapping for a data file")
     if out is not None:
-        said |= _imported(mapping, out, source, prefix_of(prefix), age, quiet=str(json) == "-")
+        dated = {"started": started, "zone": zone}
+        said |= _imported(mapping, out, source, prefix_of(prefix), age, dated, quiet=str(json) == "-")
     wrote_json(said, json)
 
 
@@ -149,7 +160,7 @@ def _proposed(
     """The mapping file that was written for a data file, and what is in it."""
     from service.errors import InputError
     from service.files.guess import plain_name, proposal_of
-    from service.files.guess_mapping import Known, check_text, mapping_text, with_reference
+    from service.files.guess_mapping import Known, check_text, contradicted_speed, mapping_text, with_reference
     from service.files.readers import read_table
     from service.files.rig import load_rig
     from service.json_text import write_text
@@ -176,6 +187,8 @@ def _proposed(
         pulses_per_rev=pulses_per_rev,
         age=given["age"],
     )
+    if mistake := contradicted_speed(proposal, known):
+        raise InputError(mistake)
     text = mapping_text(proposal, known)
     if not quiet:
         _print_proposal(table, proposal)
@@ -216,14 +229,21 @@ def _print_proposal(table: Any, proposal: Any) -> None:
 
 
 def _imported(
-    mapping: Path, out: Path, source: Path | None, prefix: str, age: str | None, *, quiet: bool
+    mapping: Path,
+    out: Path,
+    source: Path | None,
+    prefix: str,
+    age: str | None,
+    dated: dict[str, str | None],
+    *,
+    quiet: bool,
 ) -> dict[str, Any]:
     from service.cli.show import progress_bar
     from service.files.import_recording import UNKNOWN_AGE, import_recording
 
     with progress_bar("importing") as bar:
         found = import_recording(
-            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age
+            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age, **dated
         )
     if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")
@@ -232,6 +252,8 @@ def _imported(
     for label, counts in found["encoders"].items():
         if any(counts.get(fault) for fault in ("illegal_transitions", "reversals", "missed", "doubled")):
             tell(f"{label}: {found['notes'][label]}")
+    if undated := found["notes"].get("started"):
+        tell(f"started: {undated}")
     for mistake in found["mistakes"]:
         tell(f"likely mistake: {mistake}")
     return found

@@ -21,7 +21,7 @@ import numpy as np
 
 from service.errors import InputError
 from service.files.import_channel import COUNTS, unwrapped
-from service.files.import_rate import TIME_UNITS, TimeAxis, axis_of, counts_rows, is_time, time_axes
+from service.files.import_rate import AGREEMENT, TIME_UNITS, TimeAxis, axis_of, counts_rows, is_time, time_axes
 from service.files.readers import Column, Table
 from service.files.readers.table import UNIT_NAMES, split_unit
 from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
@@ -169,6 +169,9 @@ def _rate_of(column: Column, table: Table, axes: Sequence[TimeAxis], rate: float
 
 
 def _rate_from(table: Table, axes: Sequence[TimeAxis], rate: float | None, rates: set[float | None]) -> str:
+    others = rates | {axis.rate for axis in axes}
+    if rate is not None and (wrong := [r for r in others if r is not None and abs(r / rate - 1) > AGREEMENT]):
+        return f"the file gives {', '.join(f'{r:.9g}' for r in sorted(wrong))} Hz, which contradicts --rate {rate:.9g}"
     if any(c.rate is not None or c.times is not None for c in table.columns):
         return "stated by the file" if len(rates) == 1 else "stated by the file, different by channel"
     times = ", ".join(repr(axis.name) for axis in axes)

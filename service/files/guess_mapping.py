@@ -18,6 +18,8 @@ from service.files.readers import Table
 
 UNKNOWN_EDGES = "# edges_per_rev = 1024  # replace: not in the file"
 
+SPEEDS_AGREE = 0.1  # relative difference of a nominal speed and the measured one: load makes motors slip
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
@@ -57,6 +59,18 @@ def speed_of(proposal: Proposal, known: Known) -> float | None:
             if known.teeth is not None:
                 return turns * known.teeth[1] / known.teeth[0]
     return None
+
+
+def contradicted_speed(proposal: Proposal, known: Known) -> str | None:
+    """What is wrong with a stated speed that the file's own tachometer contradicts; None where nothing is."""
+    measured = speed_of(proposal, replace(known, speed=None))
+    if known.speed is None or measured is None or abs(known.speed / measured - 1) <= SPEEDS_AGREE:
+        return None
+    meant = "is it in revolutions a minute? " if abs(known.speed / (60 * measured) - 1) <= SPEEDS_AGREE else ""
+    return (
+        f"--speed {known.speed:g} Hz is contradicted by the file's tachometer, which gives {measured:.4g} Hz; {meant}"
+        "state the pinion's speed in Hz, or leave it out where the tachometer is right"
+    )
 
 
 def mapping_text(proposal: Proposal, known: Known) -> str:

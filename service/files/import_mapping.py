@@ -4,6 +4,7 @@
     asset = "my-gearbox"
     description = "…"
     started = 2020-10-28T00:00:00Z         # left out where not known, or where the data file states it
+    zone = "Europe/Berlin"                 # of a date that is a local time, as the file states it or `started`
     notes = ["…"]                          # kept with the recording
     age = "new"                            # of the gears when the file begins: also "5000 rev", "1200 h" or "unknown"
 
@@ -60,7 +61,7 @@ SCHEMA = "gear-import/1"
 RATES = (1.0, 1e7)  # [Hz]
 TEXT_FILES = (".csv", ".tsv", ".txt", ".gz", ".dat", ".asc")
 _KEYS: dict[str, tuple[str, ...]] = KEYS | {
-    "": ("schema", "asset", "description", "started", "notes", "age", "file", "channels", "rig"),
+    "": ("schema", "asset", "description", "started", "zone", "notes", "age", "file", "channels", "rig"),
     "file.": ("path", "sample_rate_hz", "time_column", "delimiter", "decimal", "header_row"),
 }
 
@@ -72,7 +73,8 @@ class ImportMapping:
     where: str  # the mapping file's name, for messages
     asset: str
     description: str
-    started: datetime | None
+    started: datetime | None  # without `tzinfo` where its zone is not stated
+    zone: str | None  # of local times, such as Europe/Berlin
     notes: tuple[str, ...]
     path: Path
     sample_rate: float | None  # [Hz]; None where the data file states it
@@ -124,6 +126,7 @@ def checked_mapping(data: dict[str, Any], path: Path, source: str | Path | None 
         asset=asset,
         description=str(data.get("description", "")),
         started=_started(where, data.get("started")),
+        zone=None if data.get("zone") is None else str(data["zone"]),
         notes=tuple(str(n) for n in data.get("notes", ())),
         path=path.parent / named,
         sample_rate=_rate(where, file),
@@ -194,7 +197,6 @@ def _started(where: str, value: Any) -> datetime | None:
         return None
     if not isinstance(value, datetime):
         raise InputError(f"{where}: started = {given(value)} must be a date with time, such as 2020-10-28T00:00:00Z")
-    moment = value if value.tzinfo else value.replace(tzinfo=UTC)
-    if moment.timestamp() <= 0:
+    if value.replace(tzinfo=value.tzinfo or UTC).timestamp() <= 0:
         raise InputError(f"{where}: started = {value.isoformat()} must lie after 1970-01-01")
-    return moment
+    return value

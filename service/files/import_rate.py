@@ -162,7 +162,9 @@ def _dated_axis(where: str, column: Column) -> TimeAxis:
         return replace(axis, began=EPOCH + timedelta(seconds=float(values[0]) * size))
     if zero is not None and 0 < np.ptp(values) < 1 and values.size > RATES[1] * np.ptp(values):
         axis = even_axis(where, column.name, values - values[0], 86400.0)
-        return replace(axis, began=EPOCH + timedelta(days=float(values[0]) - zero))
+        return replace(
+            axis, began=EPOCH.replace(tzinfo=None) + timedelta(days=float(values[0]) - zero)
+        )  # of a local clock
     return replace(even_axis(where, column.name, values), assumed=True)
 
 

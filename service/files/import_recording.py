@@ -18,7 +18,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
+from service.files.dates import EXAMPLE, in_zone, moment_in
 from service.files.gear_age import age_of
 from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
 from service.files.import_check import contradicted_units, likely_mistakes
@@ -47,7 +48,8 @@ UNKNOWN_AGE = (
     'the age of the gears is not stated, so only what wears from here on can be known: `age = "new"` in the mapping, '
     "or --age (new, such as 5000 rev, such as 1200 h, or unknown) states it"
 )
-CLOCK_START = datetime(2000, 1, 1, tzinfo=UTC)  # of a recording whose start is not known
+CLOCK_START = datetime(1970, 1, 2, tzinfo=UTC)  # of a recording whose date is not known: no service takes it
+AGREES = 60.0  # difference of two statements of one start [s]
 
 Progress = Callable[[int, int], None]
 
@@ -59,6 +61,8 @@ def import_recording(
     source: str | Path | None = None,
     prefix: str = PREFIX,
     age: str | None = None,
+    started: str | None = None,
+    zone: str | None = None,
 ) -> dict[str, Any]:
     """Writes the recording that a mapping file describes; returns what was written and what was left out.
 
@@ -67,8 +71,17 @@ def import_recording(
     prefix    first part of the recording's topics
     age       of the gears when the file begins: `new`, "5000 rev", "1200 h" or `unknown`; None for what the mapping
               states of its own file
+    started   when the file begins, in place of what mapping and file state
+    zone      of a date that is a local time; None for the mapping's
     """
     mapping = load_import_mapping(mapping_path, source)
+    if started is not None and (moment := moment_in(started)) is None:
+        raise InputError(f"--started = {started!r} must be a date with a time of day, such as {EXAMPLE}")
+    if started is not None:
+        mapping = replace(mapping, started=moment)
+    elif source is not None and Path(source).resolve() != mapping.path.resolve():
+        mapping = replace(mapping, started=None)  # the mapping's is that of its own file
+    mapping = replace(mapping, zone=zone or mapping.zone)
     data_file = Path(source) if source is not None else mapping.path
     if age is not None:
         speed = mapping.rig.get("operating", {}).get("pinion_speed_hz")
@@ -92,13 +105,20 @@ def written_recording(
     if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
-    started = mapping.started or data.started or CLOCK_START
+    began = _began(data, data_file)
+    started = began or CLOCK_START
     counted = counted_edges(data)
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
     notes = _notes(data, data_file, counted)
+    if began is None:
+        notes["started"] = _undated(data_file)
     rig, said = with_age(mapping)
     notes |= {"age": said} if said else {}
-    metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
+    metadata = {
+        "asset": mapping.asset,
+        "description": mapping.description,
+        "started": began.isoformat() if began else "",
+    }
     rig = with_sensors(rig, imported, data)
     write_recording(out_path, frames, metadata, notes, to_toml(rig), progress, prefix)
     return {
@@ -111,8 +131,44 @@ def written_recording(
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
         "notes": notes,
-        "mistakes": [*contradicted_units(mapping.channels, data.units), *likely_mistakes(Path(out_path), prefix)],
+        "mistakes": [
+            *_dates_contradict(data, began),
+            *contradicted_units(mapping.channels, data.units),
+            *likely_mistakes(Path(out_path), prefix),
+        ],
     }
+
+
+def _began(data: DataFile, data_file: Path) -> datetime | None:
+    """When the recording begins, as stated by a person, else by the file; None where nobody states it."""
+    mapping = data.mapping
+    stated = mapping.started or data.started
+    if stated is None:
+        return None
+    began = in_zone(mapping.where if mapping.started else str(data_file), stated, mapping.zone)
+    if began > datetime.now(UTC) + timedelta(seconds=AGREES):
+        raise InputError(f"{data_file}: begins at {began.isoformat()}, which is in the future; correct its date")
+    return began
+
+
+def _undated(data_file: Path) -> str:
+    """What is told of a file without a date; its own time is offered only: copies have that of their copying."""
+    written = datetime.fromtimestamp(data_file.stat().st_mtime, UTC).isoformat(timespec="seconds")
+    return (
+        f"unknown: {data_file.name} states no date, so no service takes the recording; give --started {EXAMPLE}, or "
+        f"--started {written} if it was recorded when the file was last written"
+    )
+
+
+def _dates_contradict(data: DataFile, began: datetime | None) -> list[str]:
+    """A date that a person states and the file contradicts."""
+    given, stated = data.mapping.started, data.started
+    if began is None or given is None or stated is None:
+        return []
+    stated = stated if stated.tzinfo else stated.replace(tzinfo=began.tzinfo)
+    if abs((stated - began).total_seconds()) <= AGREES:
+        return []
+    return [f"started = {began.isoformat()} is given, but the file states {stated.isoformat()}: the given one is used"]
 
 
 def with_age(mapping: ImportMapping) -> tuple[dict[str, Any], str]:
@@ -264,8 +320,6 @@ def _notes(data: DataFile, data_file: Path, counted: Mapping[str, Counted]) -> d
         if senses[0] == senses[1]:
             how = "the same sense: no external pair, or one encoder has a and b exchanged"
         notes["senses"] = f"by their counts the shafts turn in {how}"
-    if mapping.started is None and data.started is None:
-        notes["started"] = f"unknown: the clock starts at {CLOCK_START.isoformat()}"
     for i, note in enumerate((*mapping.notes, *data.notes), start=1):
         notes[f"note {i}"] = note
     return notes

@@ -47,6 +47,10 @@ FAULTS: dict[str, Named] = {
         "a frame whose time contradicts the frames before it, or the clock of this host",
         "Check the clock of the logger.",
     ),
+    "past": Named(
+        "a frame of a recording that was made before what is stored; it is left out",
+        "Replay recordings in the order in which they were made, or under another asset's name.",
+    ),
     "time_jump": Named("a single frame far ahead of all others; it is left out", "Check the clock of the logger."),
     "sequence_jump": Named(
         "a number far ahead of the one before; no frames are missing",

@@ -95,6 +95,7 @@ class Delivery:
         self._asked = clock()
         self._sent: dict[tuple[str, str], Ranges] = {}  # sequence numbers by stream and channel
         self._last: dict[tuple[str, str], tuple[int, int]] = {}  # by stream and channel: the newest frame sent
+        self._first: set[tuple[str, str]] = set()  # of them, those whose first frame is not known to have come
         self._disordered: set[tuple[str, str]] = set()  # of them, those that were not sent in order of time
         self._instances: dict[str, set[str]] = {}
         self._left_out: dict[str, tuple[Counter[str], Counter[str]]] = {}  # by service: at first, and by now
@@ -120,6 +121,8 @@ class Delivery:
         self.begin([stream])
         if not self._publisher.linked(frame.channel):
             self._send_again()
+        if (stream, frame.channel.label) in self._first:  # no gap would show later that it was lost
+            self._until(lambda: True)
         self._publisher.publish(frame)
         self._keep(frame)
         self._since_asked[0] += 1
@@ -140,6 +143,7 @@ class Delivery:
             found |= now - first
         del found["duplicate"]  # sent again, or stored before
         found["lost"] -= sum(each.holes for each in self._sent.values())  # were not there to be sent
+        found["sequence_jump"] -= sum(len(each.ranges) - 1 for each in self._sent.values())  # nor were these
         return {cause: number for cause, number in sorted(found.items()) if number > 0}
 
     # -- waiting -------------------------------------------------------------------------------------
@@ -166,6 +170,7 @@ class Delivery:
                 arrived, sent_again = now, 0
             if come:
                 arrived = now
+                self._first.clear()
                 if enough():
                     self._since_asked, self._asked = [0, 0], now
                     return
@@ -209,7 +214,6 @@ class Delivery:
             self._received += sum(each.start_time_ns for p in positions for each in p.channels.values())
             if all(here) and not anew:
                 self._settle(stream, positions)
-                self._fill_gaps(stream, positions)
             else:
                 come = False
         if restarted:  # once for all streams, however many have found that out
@@ -256,33 +260,30 @@ class Delivery:
         return restarted
 
     def _settle(self, stream: str, positions: list[PositionModel]) -> None:
-        """Forgets what everyone who answers has stored."""
+        """Forgets what everyone who answers has stored, and sends again what someone waits for."""
         held_from = min((p.unsettled_from_ns for p in positions if p.unsettled_from_ns is not None), default=None)
+        waited_for = [
+            (label, first, last)
+            for position in positions
+            for label, channel in position.channels.items()
+            for first, last in channel.missing
+        ]
         kept: deque[_Kept] = deque()
+        missing = []
         for each in self._kept:
-            if each.stream == stream and (held_from is None or each.start_ns < held_from):
+            if each.stream == stream and any(
+                each.label == label and first <= each.sequence <= last for label, first, last in waited_for
+            ):
+                missing.append(each)
+                kept.append(each)
+            elif each.stream == stream and (held_from is None or each.start_ns < held_from):
                 self.settled += 1
                 if each.frame is not None:
                     self._bytes -= each.size
             else:
                 kept.append(each)
         self._kept = kept
-
-    def _fill_gaps(self, stream: str, positions: Iterable[PositionModel]) -> None:
-        """Sends again what a service has missed among what it has."""
-        missing = [
-            (label, first, last)
-            for position in positions
-            for label, channel in position.channels.items()
-            for first, last in channel.missing
-        ]
-        if missing:
-            self._put_again(
-                each
-                for each in self._kept
-                if each.stream == stream
-                and any(each.label == label and first <= each.sequence <= last for label, first, last in missing)
-            )
+        self._put_again(missing)
 
     # -- what is kept --------------------------------------------------------------------------------
 
@@ -293,6 +294,8 @@ class Delivery:
             self.invalid += 1  # the service counts it: there is nothing to store
             return
         stream, label, size = frame.channel.asset, frame.channel.label, len(frame.payload)
+        if (stream, label) not in self._last:
+            self._first.add((stream, label))
         self._note_last(stream, label, sequence, start)
         self._sent.setdefault((stream, label), Ranges()).add(sequence)
         self._kept.append(_Kept(frame, stream, label, sequence, start, size))

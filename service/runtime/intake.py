@@ -117,6 +117,11 @@ class Intake:
         if asset in self._known:
             self._reception.note_publishers(asset, label, two)
 
+    def note_recorded(self, asset: str, recorded: bool) -> None:
+        """The frames that follow are of a recording, or of a live stream."""
+        if asset in self._known:
+            self._reception.note_recorded(asset, recorded)
+
     def flush(self, asset: str) -> None:
         """Closes the asset's window in progress, after silence."""
         self._feed_learned(asset, self._learning.end(asset))

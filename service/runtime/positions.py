@@ -145,6 +145,11 @@ class Positions:
             asks_again = heard - answered <= ON_THE_WAY and self._clock() - answered < BETWEEN_QUESTIONS
             return asks_again or sender in self._asking
 
+    def asks(self, sender: str) -> bool:
+        """Whether a session that sends has asked what is stored: it sends a recording, and no live stream."""
+        with self._lock:
+            return sender in self._answered or sender in self._asking
+
     def reached(self, stream: str, number: int) -> None:
         """The question has come to the head of its stream's queue."""
         if self._pending(stream).waiting > MOST_BACKLOG:

@@ -159,6 +159,8 @@ class FrameConsumer(Protocol):
 
     def note_publishers(self, asset: str, label: str, two: tuple[str, str]) -> None: ...
 
+    def note_recorded(self, asset: str, recorded: bool) -> None: ...
+
     def flush(self, asset: str) -> None: ...
 
     def waiting(self, asset: str) -> bool: ...
@@ -178,6 +180,7 @@ class Pump:
     holding       whether publishers are asked to wait: their silence ends no window then
     waits         whether a session that sends frames waits for an answer, or has been given one and not gone on;
                   called with its name and when the newest frame of its other streams came [s]
+    asks          whether a session asks what is stored of what it sends: it sends a recording
     between       called between frames, at least every tenth of a second while no window is being processed
     asset_of      the asset that a stream belongs to at present; its own name unless it has been renamed
     clock         the monotonic clock [s]
@@ -193,12 +196,13 @@ class Pump:
         channel_wait: float = CHANNEL_WAIT,
         holding: Callable[[], bool] = lambda: False,
         waits: Callable[[str, float], bool] = lambda sender, heard: False,
+        asks: Callable[[str], bool] = lambda sender: False,
         asset_of: Callable[[str], str] = lambda stream: stream,
         clock: Callable[[], float] = time.monotonic,
     ):
         self._inbox, self._consumer, self._idle_timeout, self._between = inbox, consumer, idle_timeout, between
         self._channel_wait, self._holding, self._waits, self._clock = channel_wait, holding, waits, clock
-        self._asset_of = asset_of
+        self._asset_of, self._asks = asset_of, asks
         self._rhythms: dict[str, _Rhythm] = {}  # by asset
         self._senders: dict[str, _Sender] = {}  # by session
         self._now = 0.0  # stands still while the process does, and while publishers wait [s]
@@ -249,6 +253,7 @@ class Pump:
             two = rhythm.note_publisher(label, arrival.source, arrival.received)
             if two is not None:
                 self._consumer.note_publishers(stream, label, two)
+            self._consumer.note_recorded(stream, self._asks(rhythm.sender))
         self._consumer.feed(frame)
         if new:
             self._consumer.expect(stream, self._inbox.announced(stream))
@@ -320,10 +325,11 @@ def pump(
     channel_wait: float = CHANNEL_WAIT,
     holding: Callable[[], bool] = lambda: False,
     waits: Callable[[str, float], bool] = lambda sender, heard: False,
+    asks: Callable[[str], bool] = lambda sender: False,
     asset_of: Callable[[str], str] = lambda stream: stream,
 ) -> None:
     """Takes arrivals to a consumer until `stop` is set."""
     Pump(
         inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding, waits=waits,
-        asset_of=asset_of,
+        asks=asks, asset_of=asset_of,
     ).run(stop)  # fmt: skip

@@ -104,6 +104,10 @@ class Reception:
         """Two publishers send on a channel's key in turn: a fault of the next window."""
         self._of(asset).assembler.note(two_publishers(label, two))
 
+    def note_recorded(self, asset: str, recorded: bool) -> None:
+        """The frames that follow are of a recording, or of a live stream."""
+        self._of(asset).assembler.recorded = recorded
+
     def expect(self, asset: str, labels: Iterable[str]) -> None:
         """Waits for these channels too before the asset's first window."""
         self._of(asset).assembler.expect(labels)

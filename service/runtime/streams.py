@@ -131,6 +131,10 @@ class Streams:
         if not self._is_retired(asset):
             self._consumer.note_publishers(asset, label, two)
 
+    def note_recorded(self, stream: str, recorded: bool) -> None:
+        """Hands on whether the frames that follow are of a recording."""
+        self._consumer.note_recorded(self.asset_of(stream), recorded)
+
     def _is_retired(self, asset: str) -> bool:
         """Whether an asset is retired; one that is so no longer is told what has been left out."""
         if self._retired(asset):

@@ -244,7 +244,7 @@ class Worker(threading.Thread):
             pump(
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
                 channel_wait=self._settings.channel_wait, holding=self._holds,
-                waits=positions.waits, asset_of=streams.asset_of,
+                waits=positions.waits, asks=positions.asks, asset_of=streams.asset_of,
             )  # fmt: skip
 
     def _holds(self) -> bool:

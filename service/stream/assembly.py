@@ -39,8 +39,6 @@ from twin.windows import Fault, Window
 
 MOST_CHANNELS = 256  # of one asset; frames of further ones are counted and left out ...
 OTHER_CHANNELS = "other channels"  # ... under this name
-# kinds of frames counted
-_LEFT_OUT = ("invalid", order.LATE, order.LOST, "shed", "too_many_channels", order.DUPLICATE, order.CONFLICT)
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
 
 
@@ -83,6 +81,7 @@ class Assembler:
         self.repeats = Repeats()
         self._left_out = LeftOut()
         self.used: Callable[[Frame], object] = lambda frame: None  # called with each frame that is put in order
+        self.recorded = False  # whether frames are sent of a recording: one of the past is no clock that was set
         self._times_set = 0  # how often a clock was set
         self._latest = 0  # latest end of a window, before the clock was last set [ns]
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
@@ -126,6 +125,8 @@ class Assembler:
                 lane.left_out -= lane.left_out > 0
         elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame, self._held(lane, frame)):
             fate = order.CONFLICT
+        if fate == order.CLOCK and self.recorded and lane.last and frame.start_time_ns < lane.last[2]:
+            fate = order.PAST
         if fate == order.CLOCK:
             if self._contradictions.hold(frame):
                 yield from self._resynchronise(frame, now_ns)
@@ -205,7 +206,7 @@ class Assembler:
             label = OTHER_CHANNELS
         kinds = self.counters.setdefault(label, {})
         kinds[kind] = kinds.get(kind, 0) + by
-        if kind in _LEFT_OUT:
+        if kind in order.LEFT_OUT:
             self.left_out[kind] += by
 
     @property

@@ -20,7 +20,8 @@ from service.stream.repeats import checksum
 from service.stream.timeline import Timeline
 
 QUEUED, DUPLICATE, LATE, OVERLAP, CLOCK = "queued", "duplicate", "late", "overlap", "clock"
-LOST, TIME_JUMP, SEQUENCE_JUMP, CONFLICT = "lost", "time_jump", "sequence_jump", "conflict"
+LOST, TIME_JUMP, SEQUENCE_JUMP, CONFLICT, PAST = "lost", "time_jump", "sequence_jump", "conflict", "past"
+LEFT_OUT = {"invalid", "shed", "too_many_channels", LATE, LOST, DUPLICATE, CONFLICT, TIME_JUMP, SEQUENCE_JUMP, PAST}
 _LONGEST_PAUSE_NS = 400 * 86400 * NS  # beyond it, a lone frame is a clock's fault ...
 _BELIEVED = 3  # ... and so many frames are a machine that is measured again after a long time
 _OVERLAP = 0.5  # share of a frame by which another one may not lie in the same time, unless their numbers follow

@@ -31,11 +31,11 @@ class Position:
 
 
 def missing_of(lane: Lane) -> tuple[tuple[int, int], ...]:
-    """The numbers that a channel's frames wait for."""
-    before = None if lane.last is None else lane.last[0]
+    """The numbers that a channel's frames wait for; those below the first of all too, since nobody knows the lowest."""
+    before = -1 if lane.last is None else lane.last[0]
     gaps = []
     for _, sequence, _ in lane.queue:
-        if before is not None and before + 1 < sequence:
+        if before + 1 < sequence:
             gaps.append((before + 1, sequence - 1))
         before = sequence
     return tuple(gaps[:_MOST_GAPS])

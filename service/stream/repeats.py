@@ -44,6 +44,7 @@ class Repeats:
     run: int = 0  # frames left out in a row
     same: int = 0  # of them, those that are the very frames that were used
     other: int = 0  # of them, those that are not, though their number and time are those of a used frame
+    verdicts: dict[str, bool] = field(default_factory=dict)  # by channel: whether its latest one of the run was other
     ignored: bool = False  # whether people have said that the run is of no interest
 
     def used(self, label: str, frames: Sequence[Frame]) -> None:
@@ -61,19 +62,23 @@ class Repeats:
     def queued(self) -> None:
         """A frame of a new time has come: the run is over."""
         self.run = self.same = self.other = 0
+        self.verdicts.clear()
         self.ignored = False
 
     def left_out(self, frame: Frame, held: Frame | None = None) -> bool:
         """A frame has been left out because of its time; whether it is another than the one of its number.
+
+        One of which no checksum is remembered is what the one before it was.
 
         held  the frame of its time and number that is yet to be used
         """
         self.run += 1
         kept = checksum(held) if held is not None else self._mark(frame)
         if kept is None:
-            return False
+            return self.verdicts.get(frame.channel.label, False)
         same = kept == checksum(frame)
         self.same, self.other = self.same + same, self.other + (not same)
+        self.verdicts[frame.channel.label] = not same
         return not same
 
     def _mark(self, frame: Frame) -> int | None:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.table import Column, Table, array_columns, group_of
 
 UNITS = ("unit", "units", "unitstring", "niunitdescription", "unitlabel")
@@ -116,6 +117,7 @@ class Contents:
     left_out: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     starts: dict[str, datetime] = field(default_factory=dict)  # of columns that have one of their own
+    entries: list[tuple[str, Any]] = field(default_factory=list)  # by name, in which the file may state its date
 
     def add(
         self,
@@ -131,6 +133,7 @@ class Contents:
     ) -> None:
         """One part: its values are had by `read`, whose failure leaves this part out; `stated` are its properties."""
         stated = stated or {}
+        self.entries += stated.items()
         try:
             array = np.asarray(read())
         except Exception as error:  # of a library that met an odd part: each raises its own
@@ -146,6 +149,8 @@ class Contents:
                 )
             return
         is_time = array.dtype.kind in "mM"
+        if array.size and (array.size == 1 or is_time):
+            self.entries.append(("date" if is_time else name, array.flat[0]))
         if is_time and array.size > 1:
             array, unit = _seconds(array), "s"
         if array.size == 1 and array.dtype.kind in "fiub":
@@ -163,7 +168,7 @@ class Contents:
 
     def table(self, started: datetime | None = None) -> Table:
         """The file; each column that has a start of its own begins there, the file with the first of them."""
-        first = min(self.starts.values(), default=started)
+        first = min(self.starts.values(), default=started) or stated_in(self.entries)
         columns = []
         for column in self.columns:
             own = self.starts.get(column.name)

@@ -17,9 +17,12 @@ def read_hdf5(path: Path) -> Table:
     with h5py.File(path, "r") as file:
 
         def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset):
+            if not isinstance(item, h5py.Dataset):
+                found.entries += item.attrs.items()
+            else:
                 found.add(name, lambda: item[()], dict(item.attrs), rate=_rate(item))
 
+        found.entries += file.attrs.items()
         file.visititems(visit)
         return found.table()
 

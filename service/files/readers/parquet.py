@@ -17,6 +17,7 @@ def read_parquet(path: Path) -> Table:
 
     table = parquet.read_table(path)
     found = Contents(format="Parquet")
+    found.entries += [(key.decode(errors="replace"), value) for key, value in (table.schema.metadata or {}).items()]
     for field, data in zip(table.schema, table.columns, strict=True):
         stated = {
             k.decode(errors="replace"): v for k, v in (field.metadata or {}).items() if not k.startswith(b"PARQUET:")

@@ -40,7 +40,7 @@ def _is_possible(found: re.Match[str]) -> bool:
 
 
 def seconds_of(cells: Sequence[str]) -> tuple[np.ndarray, datetime | None]:
-    """Seconds after the first cell (n,), and its moment, without a zone where it has none; None without a date.
+    """Seconds after the first cell (n,), and its moment, without a zone where it has none; None without a sure date.
 
     A cell that is no time is NaN. Offsets from UTC are taken out; times of day alone that fall are past midnight.
     """
@@ -57,7 +57,7 @@ def seconds_of(cells: Sequence[str]) -> tuple[np.ndarray, datetime | None]:
         day = np.cumsum(np.concatenate(([0], np.diff(time) < -43200.0)))
     first = found[0]
     out = (day - day[0]) * 86400.0 + (time - time[0])
-    if first is None or not first["date"]:
+    if first is None or not first["date"] or _is_one_of_two(known):
         return out, None
     moment = datetime.fromordinal(int(day[0])) + timedelta(seconds=float(time[0]))
     return out, moment.replace(tzinfo=UTC) if first["zone"] else moment
@@ -68,6 +68,12 @@ def _month_first(found: Sequence[re.Match[str]]) -> bool:
     if any(a > 12 for a, _ in pairs):
         return False
     return any(b > 12 for _, b in pairs) or any(f["half"] for f in found)
+
+
+def _is_one_of_two(found: Sequence[re.Match[str]]) -> bool:
+    """Whether the days may have their months first, or not."""
+    pairs = {(int(f["a"]), int(f["b"])) for f in found if f["a"]}
+    return any(a != b for a, b in pairs) and all(a <= 12 and b <= 12 for a, b in pairs)
 
 
 def _day(found: re.Match[str], month_first: bool) -> int:

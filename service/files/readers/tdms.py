@@ -21,7 +21,7 @@ def read_tdms(path: Path) -> Table:
     file = TdmsFile.read(path)
     channels = [(group.name, channel) for group in file.groups() for channel in group.channels()]
     names = unique_names([(group, channel.name) for group, channel in channels])
-    found = Contents(format="TDMS")
+    found = Contents(format="TDMS", entries=_with_utc(file))
     for name, (_, channel) in zip(names, channels, strict=True):
         stated = {k: v for k, v in channel.properties.items() if not k.startswith("NI_Scale")}  # nptdms applies these
         offset = float(stated.pop("wf_start_offset", 0.0))
@@ -30,6 +30,12 @@ def read_tdms(path: Path) -> Table:
         start = offset if started is None else 0.0
         found.add(name, partial(getitem, channel, slice(None)), stated, start=start, started=started)
     return found.table()
+
+
+def _with_utc(file: Any) -> list[tuple[str, Any]]:
+    """The properties of groups and file; their times are UTC, as all times of this format."""
+    properties = [item for holder in (*file.groups(), file) for item in holder.properties.items()]
+    return [(k, f"{v}Z" if isinstance(v, np.datetime64) else v) for k, v in properties]
 
 
 def _moment(value: Any) -> datetime | None:

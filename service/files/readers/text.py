@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
+from service.files.dates import stated_in
 from service.files.readers.printed_times import seconds_of
 from service.files.readers.table import Column, Table
 from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of, is_number, layout_of, stated_rate
@@ -42,15 +45,19 @@ def read_text(path: Path, form: TextForm | None = None) -> Table:
     filled = [i for i in range(len(layout.names)) if not _is_blank(layout, rows, i)]
     chosen = [i for i in filled if layout.numeric[i] or layout.moments[i]]
     values = _numbers(rows, layout, [i for i in chosen if layout.numeric[i]])
-    columns, started = [], None
+    columns: list[Column] = []
+    started: datetime | None = None
     for i in chosen:
         name, is_time = layout.names[i], layout.moments[i] and not layout.numeric[i]
         if is_time:
             values[i], first = seconds_of([cells_of(row, layout.separator)[i] for row in rows])
-            started = started or (first if first is not None and first.tzinfo else None)
+            started = started or first
         columns.append(Column(name=name, values=values[i], unit="s" if is_time else layout.units[i], is_time=is_time))
     left_out = {layout.names[i]: _no_number(rows, layout, i) for i in filled if i not in chosen}
     rate = stated_rate(lines[: layout.first])
+    cells = cells_of(rows[0], layout.separator)
+    texts = [(layout.names[i], cells[i]) for i in filled if not layout.numeric[i] and not layout.moments[i]]
+    started = started or stated_in([*texts, *map(_entry, lines[: layout.first])])
     return Table(format="CSV", columns=tuple(columns), rate=rate, notes=notes, left_out=left_out, started=started)
 
 
@@ -61,6 +68,12 @@ def _no_number(rows: Sequence[str], layout: Layout, i: int) -> str:
     return (
         "holds no numbers" if odd is None else f"row {odd[0]} is {odd[1][:40]!r}, which is no number and no known time"
     )
+
+
+def _entry(line: str) -> tuple[str, str]:
+    """A line of the preamble as name and value; one that is nothing but a date, as a date."""
+    name, _, value = re.sub("[:=;,\t]", "\0", line, count=1).partition("\0")
+    return (name, value) if any(c.isalpha() for c in name) else ("date", line)
 
 
 def _lines(path: Path) -> list[str]:
