@@ -71,18 +71,6 @@ LINES: tuple[Line, ...] = (
         "None; a channel that stays away shows in the windows. Look at its sensor and its publisher then.",
     ),
     Line(
-        "service.fleet.listener",
-        "a notification of partition %d could not be followed: %r",
-        "A notification of the database has no known form, or led to an exception; the thread goes on.",
-        _REPORT,
-    ),
-    Line(
-        "service.fleet.heartbeat",
-        "partition %d is silent until its loops turn again: late are %s",
-        "A loop of the partition's worker hangs: the partition counts as not served.",
-        "Look for a machine that hangs or swaps; restart the worker. Report it where it comes again.",
-    ),
-    Line(
         "service.stream.inbox",
         "a frame could not be taken in, %d since the start: %r",
         "An exception in a callback of the network; said once a minute, counted in callback_errors.",
