@@ -362,7 +362,7 @@ def judge(path: Path, name: str, seed: int) -> Said:
 
 def table(said: Sequence[Said]) -> str:
     """One line a kind, and the sums of all kinds of foreign content."""
-    lines = [f"{'':<22}cases  other names  beside  alarms  unknown  right"]
+    lines = [f"{'':<22}cases  other names  rivals  alarms  unknown  right"]
     foreign = [one for one in said if one.kind in KINDS]
     groups = [(kind, [one for one in said if one.kind == kind]) for kind in (SOUND, *KINDS)]
     for kind, own in (*groups, ("all but sound", foreign)):

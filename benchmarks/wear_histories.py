@@ -9,6 +9,7 @@ Saf. 94 (2009) 2–21) whose mean follows the class of the history:
     step ahead     the same after 55 to 85 %, which nothing has shown at half-life
     drift          ln of the coefficient is a Wiener process of 0.1 to 0.5 over the life, or a trend of that size
     changing       blocks of two conditions, in each of which the twin's work is off by 3 % (standard deviation)
+    power          depth as a power of 0.6 to 1.7 of the revolutions, from the first to the last
     with effects   an effect that sets in shifts all later depths by 1.5 % (standard deviation)
 
 Depth follows from work by the reference machine's wear curve, bent by a random shape. A measured depth is off by a
@@ -34,7 +35,7 @@ from twin.updating.wear_forecast import forecast_of
 from twin.updating.wear_points import WearPoint, with_point
 from twin.wear.curve import MasterCurve
 
-CLASSES = ("constant", "running-in", "step", "step ahead", "drift", "changing", "with effects")
+CLASSES = ("constant", "running-in", "step", "step ahead", "drift", "changing", "with effects", "power")
 STEPS = 2000  # of the process, over twice the mean life
 COMMON, SCATTER, FLOOR = 0.009, 0.0015, 0.06e-6  # standard deviations of measured depths: relative, relative, [m]
 ALONG = 3.0  # distance in ln depth over which the common error changes
@@ -87,6 +88,9 @@ def rate_of(kind: str, t: np.ndarray, random: np.random.Generator) -> np.ndarray
             if random.random() < 0.5:
                 return np.exp(sign * size * np.minimum(t, 2.0))
             return np.exp(np.cumsum(random.normal(0, size * np.sqrt(t[1] - t[0]), t.size)))
+        case "power":
+            q = random.choice([random.uniform(0.6, 0.85), random.uniform(1.2, 1.7)])
+            return q * t ** (q - 1)
         case "changing":
             errors = random.normal(0, 0.03, 2)
             block = (t / random.uniform(0.05, 0.25)).astype(int) % 2

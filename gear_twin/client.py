@@ -54,7 +54,7 @@ class Event:
 
 
 class Client:
-    """Calls of one service; use it in a `with` block, or close it.
+    """Calls of one service, directly, whatever proxy the environment names; use it in a `with` block, or close it.
 
     url      address of the service, such as http://127.0.0.1:8080
     timeout  how long an answer is waited for [s]
@@ -83,7 +83,7 @@ class Client:
             base_url=url.rstrip("/"),
             timeout=timeout,
             headers={"Authorization": f"Bearer {key}"} if key else None,
-            verify=client_context(*files) if any(files) else True,
+            transport=httpx.HTTPTransport(verify=client_context(*files) if any(files) else True),
         )
         self._long = max(timeout, LONG)
 

@@ -11,4 +11,10 @@ import os
 for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
+# A proxy knows nothing of this computer's own addresses: webhooks, traces and commands ask them directly.
+_direct = os.environ.get("no_proxy") or os.environ.get("NO_PROXY") or ""
+if _direct.strip() != "*":
+    _hosts = dict.fromkeys([*filter(None, _direct.split(",")), "localhost", "127.0.0.1", "::1"])
+    os.environ["NO_PROXY"] = os.environ["no_proxy"] = ",".join(_hosts)
+
 __version__ = "0.1.0"

@@ -130,7 +130,8 @@ class Workers(Table):
         default=None,
         ge=0,
         le=256,
-        description="worker processes, at a lower priority (nice 10); by default the usable cores but one; 0: none",
+        description="worker processes, at a lower priority (nice 10); by default the usable cores "
+        "(affinity, quota of processor time) but one; 0: none",
         examples=[3],
     )
     task_limit: float = Field(

@@ -1,4 +1,7 @@
-"""A clock in Unix time that cannot step: it begins as this machine's, and is carried on by the monotonic one."""
+"""Clocks in Unix time that are not set back with this machine's.
+
+Silence is measured by the steady one; by the later one things are dated and ordered, and expire.
+"""
 
 from __future__ import annotations
 
@@ -10,3 +13,11 @@ _BEGAN_NS = time.time_ns() - time.monotonic_ns()
 def steady_time_ns() -> int:
     """Unix time [ns] as it was set when the process began."""
     return _BEGAN_NS + time.monotonic_ns()
+
+
+def later_time_ns() -> int:
+    """Unix time [ns] of this machine, or of the steady clock where that is later.
+
+    It follows a machine's clock that is set forward, as after a start without one, and goes on where that is set back.
+    """
+    return max(time.time_ns(), steady_time_ns())

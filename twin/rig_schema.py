@@ -244,6 +244,7 @@ SCHEMA: dict[str, Any] = {
         "encoder_output": _Text(),
         "torque": _Text(),
         "temperature": _Names(),
+        "uncalibrated": _Names(),
         "ranges": {
             "accel": _PerChannel(_Number("m/s²", 0, 1e7, "a range in g?")),
             "torque": _PerChannel(_Number("N·m", 0, 1e8, "N·mm?")),

@@ -63,6 +63,7 @@ from twin.held_level import LevelHysteresis
 from twin.inspected import InspectionLimits
 from twin.instruments.bursts import BurstThresholds
 from twin.instruments.delays import DelayThresholds
+from twin.instruments.lost_contact import LostContactThresholds
 from twin.instruments.seen import MeshPhaseThresholds
 from twin.learned_limits import LearnedLimits
 from twin.level_record import LevelAlarm
@@ -254,6 +255,7 @@ SETS: tuple[type, ...] = (
     FallenCountThresholds,
     SameFlanksThresholds,
     BurstThresholds,
+    LostContactThresholds,
     DelayThresholds,
     MeshPhaseThresholds,
     DepthModel,

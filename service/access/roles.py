@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
+
+from service.steady_clock import later_time_ns
 
 Kind = Literal["key", "token", "certificate", "local", "anonymous"]
 
@@ -40,4 +41,4 @@ class Who:
 
     @property
     def expired(self) -> bool:
-        return self.expires is not None and time.time() >= self.expires
+        return self.expires is not None and later_time_ns() >= self.expires * 1e9

@@ -8,7 +8,6 @@ between forgets nothing.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
@@ -20,6 +19,7 @@ from service.alarms.readings import Readings, of_data, of_report, of_window, usa
 from service.alarms.rules import DEFAULT_RULES, Rule, rules_from
 from service.contract.base import iso_time
 from service.results.alarm_store import AlarmStore
+from service.steady_clock import later_time_ns
 
 Events = tuple[tuple[str, Mapping[str, Any]], ...]
 
@@ -36,7 +36,7 @@ class AlarmKeeper:
         rules: Sequence[Rule] = DEFAULT_RULES,
         webhooks: Iterable[str] = (),
         *,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = later_time_ns,
     ) -> None:
         """rules  of assets that have none of their own; webhooks  addresses that every change is sent to"""
         self.store, self._rules, self._clock = store, tuple(rules), clock

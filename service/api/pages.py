@@ -1,5 +1,7 @@
 """The dashboard at `/` and the OpenAPI page at `/docs`, both without a network.
 
+All addresses in them are relative, so that they work under a sub-path of a proxy.
+
 Charts are drawn by uPlot (service/page/vendor), the OpenAPI page by Swagger UI, which is served from the installed
 package that carries it (`fastapi-offline`).
 """
@@ -47,11 +49,11 @@ async def dashboard() -> FileResponse:
 @public
 async def docs(request: Request) -> HTMLResponse:
     page = get_swagger_ui_html(
-        openapi_url=request.app.openapi_url,
+        openapi_url=request.app.openapi_url.lstrip("/"),
         title="gear-twin: REST",
-        swagger_js_url="/assets/swagger-ui-bundle.js",
-        swagger_css_url="/assets/swagger-ui.css",
-        swagger_favicon_url="/static/favicon.svg",
+        swagger_js_url="assets/swagger-ui-bundle.js",
+        swagger_css_url="assets/swagger-ui.css",
+        swagger_favicon_url="static/favicon.svg",
     )
     page.headers["Content-Security-Policy"] = policy_with_scripts(bytes(page.body).decode())
     return page

@@ -34,6 +34,7 @@ from service.errors import InputError
 from service.results.board import Board, Snapshot
 from service.results.store import ResultStore
 from service.settings import Settings
+from service.steady_clock import later_time_ns
 
 try:
     import paho.mqtt.client as paho
@@ -79,7 +80,7 @@ class MqttBridge:
         store: ResultStore,
         kept: KeptNumbers,
         inputs: SlowInputs | None = None,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = later_time_ns,
     ) -> None:
         """InputError where certificates or the password cannot be read, whatever the broker says later."""
         assert settings.mqtt is not None

@@ -25,7 +25,6 @@ from __future__ import annotations
 import json
 import logging
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -40,6 +39,7 @@ from service.bridges.kept import KeptNumbers
 from service.contract.base import iso_time
 from service.errors import FrameError, InputError
 from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of
+from service.steady_clock import later_time_ns
 from service.stream.channels import AS_IT_IS, CHANNEL_KINDS, ChannelKind, Conversion
 from service.stream.frames import NS, SampleFrame
 from service.stream.wire.codec import encode
@@ -249,7 +249,7 @@ class SlowInputs(threading.Thread):
         offer: Callable[[str, bytes], bool],
         kept: KeptNumbers,
         prefix: str,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = later_time_ns,
     ) -> None:
         """offer  of the stream's inbox: topic, payload → whether there was room"""
         super().__init__(name="slow inputs", daemon=True)

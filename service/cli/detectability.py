@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ import typer
 
 from service.cli.assessing import tell
 from service.json_text import wrote_json
+from service.runtime.usable_cores import usable_cores
 
 CHANNELS = ("torque", "encoder/pinion", "encoder/gear")
 
@@ -33,7 +33,7 @@ def detectability(
     ] = None,
     healthy: Annotated[int, typer.Option(min=20, max=10_000, help="Healthy machines that are simulated.")] = 100,
     machines: Annotated[int, typer.Option(min=1, max=100, help="Machines that are simulated for each effect.")] = 2,
-    processes: Annotated[int, typer.Option(min=1, help="Processes; default: as many as cores.")] = os.cpu_count() or 1,
+    processes: Annotated[int, typer.Option(min=1, help="Processes; default: as many as cores.")] = usable_cores(),
     out: Annotated[Path | None, typer.Option(help="File to write, for `assess --detectability`.")] = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")

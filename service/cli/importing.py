@@ -47,8 +47,7 @@ def import_(
         str | None, typer.Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
     ] = None,
     speed: Annotated[
-        float | None,
-        typer.Option(help="Pinion speed in Hz; default: by the tachometer.", min=0.0, rich_help_panel=GUESSING),
+        str | None, typer.Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)
     ] = None,
     rig: Annotated[
         Path | None, typer.Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
@@ -61,7 +60,7 @@ def import_(
         str | None, typer.Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
     ] = None,
     pulses_per_rev: Annotated[
-        int, typer.Option(help="Pulses per turn of the tachometer.", min=1, rich_help_panel=GUESSING)
+        int, typer.Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
     ] = 1,
     asset: Annotated[
         str | None, typer.Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
@@ -80,8 +79,8 @@ def import_(
     if guess:
         age = age or _asked_age(yes)
         given = {
-            "teeth": _teeth(teeth), "speed": speed, "rig": rig, "rate": rate, "shaft": tachometer, "asset": asset,
-            "age": age,
+            "teeth": _teeth(teeth), "speed": _speed(speed), "rig": rig, "rate": rate, "shaft": tachometer,
+            "asset": asset, "age": age,
         }  # fmt: skip
         path, said = _proposed(mapping, write, force, pulses_per_rev, given, quiet=str(json) == "-")
         if out is None and yes:
@@ -128,13 +127,29 @@ def _teeth(text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
+def _speed(text: str | None) -> float | None:
+    """A speed in turns a second, from a number in Hz or with its unit."""
+    from service.errors import InputError
+    from service.files.guess import SPEEDS
+
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*(\d+(?:[.,]\d+)?)\s*(Hz|rpm|1/min|/min|min-1|u/min|rev/min|1/s)?\s*", text, re.IGNORECASE)
+    turns = float(found[1].replace(",", ".")) / (60.0 if "m" in (found[2] or "").lower() else 1.0) if found else 0.0
+    if not SPEEDS[0] <= turns <= SPEEDS[1]:
+        raise InputError(
+            f"--speed {text} must be from {SPEEDS[0]:g} to {SPEEDS[1]:g} turns a second, such as 29.2 (Hz) or 1752rpm"
+        )
+    return turns
+
+
 def _proposed(
     data: Path, write: Path | None, force: bool, pulses_per_rev: int, given: dict[str, Any], *, quiet: bool
 ) -> tuple[Path, dict[str, Any]]:
     """The mapping file that was written for a data file, and what is in it."""
     from service.errors import InputError
     from service.files.guess import plain_name, proposal_of
-    from service.files.guess_mapping import Known, mapping_text, with_reference
+    from service.files.guess_mapping import Known, check_text, mapping_text, with_reference
     from service.files.readers import read_table
     from service.files.rig import load_rig
     from service.json_text import write_text
@@ -162,11 +177,13 @@ def _proposed(
         age=given["age"],
     )
     text = mapping_text(proposal, known)
+    if not quiet:
+        _print_proposal(table, proposal)
+    check_text(text, path, table, proposal)
     if path.exists() and not force and path.read_text(encoding="utf-8") != text + "\n":
         raise InputError(f"{path} is there already, with other content; --force replaces it, --write names another")
     write_text(path, text)
     if not quiet:
-        _print_proposal(table, proposal)
         print(f"mapping file: {path}")
         if known.teeth is None and rig is None:
             print("Tooth counts are not known: without them there are levels, but no mesh lines (--teeth 23/57).")
@@ -181,6 +198,7 @@ def _print_proposal(table: Any, proposal: Any) -> None:
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     length = "" if proposal.duration is None else f", {proposal.duration:.6g} s"
     rate = "different rates" if proposal.rate is None else f"{proposal.rate:.9g} Hz ({proposal.rate_from})"
@@ -190,8 +208,11 @@ def _print_proposal(table: Any, proposal: Any) -> None:
         shown.add_column(column)
     for g in proposal.guesses:
         unit = g.unit if g.scale == 1 else f"{g.scale:g} {g.unit}"
-        shown.add_row(", ".join(g.columns), g.becomes, unit, g.why + (f"; {g.remark}" if g.remark else ""))
+        cells = (", ".join(g.columns), g.becomes, unit, g.why + (f"; {g.remark}" if g.remark else ""))
+        shown.add_row(*(Text(cell) for cell in cells))  # a name from a file is no markup
     Console().print(shown)
+    for note in table.notes:
+        print(f"note: {note}")
 
 
 def _imported(

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.error import HTTPError, URLError
-from urllib.request import HTTPRedirectHandler, HTTPSHandler, Request, build_opener
+from urllib.request import HTTPRedirectHandler, HTTPSHandler, ProxyHandler, Request, build_opener
 
 import typer
 
@@ -91,7 +91,9 @@ class _NoRedirects(HTTPRedirectHandler):
 
 
 def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, method: str | None = None) -> Any:
-    """The service's answer; InputError with its own words where it refuses, or where nothing answers.
+    """The service's answer, asked for directly, whatever proxy the environment names.
+
+    InputError has the service's own words where it refuses, or says that nothing answers.
 
     body  JSON data, or a file as it is
     """
@@ -103,9 +105,8 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
     if key := _known(KEY):
         headers["Authorization"] = f"Bearer {key}"
     try:
-        opener = build_opener(
-            _NoRedirects, HTTPSHandler(context=client_context(*map(_known, (CA, CERTIFICATE, PRIVATE_KEY))))
-        )
+        context = client_context(*map(_known, (CA, CERTIFICATE, PRIVATE_KEY)))
+        opener = build_opener(ProxyHandler({}), _NoRedirects, HTTPSHandler(context=context))
         request = Request(url.rstrip("/") + path, data, headers, method=method)
         with opener.open(request, timeout=WAIT) as response:
             return json.load(response)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,12 @@ COMPOSE = ("HTTP_PORT", "ZENOH_PORT", "GRAFANA_PORT", "GRAFANA_PASSWORD")  # rea
 TOOLS = ("SHARED", "CHROMIUM")  # read by tests and benchmarks, as all that begin with TESTS
 OTHERS = frozenset(VARIABLE + name for name in (*COMMANDS, *COMPOSE, *TOOLS))
 TESTS = VARIABLE + "TEST_"
+_IP = r"(\d+(\.\d+){3}|\[?[0-9a-fA-F]*:[0-9a-fA-F:.]*\]?)"
+_OF_PORT = r"PORT_\d+_(TCP|UDP|SCTP)"
+SERVICE_LINK = re.compile(  # of a Service of Kubernetes whose name begins with gear-twin, by name and value
+    rf"GEAR_TWIN_(\w+_)?(SERVICE_HOST={_IP}|SERVICE_PORT(_\w+)?=\d+|(PORT|{_OF_PORT})=(tcp|udp|sctp)://{_IP}:\d+"
+    rf"|{_OF_PORT}_(PROTO=(tcp|udp|sctp)|PORT=\d+|ADDR={_IP}))"
+)
 
 
 class FileSource(InitSettingsSource):
@@ -33,15 +40,19 @@ class FileSource(InitSettingsSource):
 
 
 class Environment(EnvSettingsSource):
-    """Settings of the environment; InputErrors names every GEAR_TWIN_ variable that is none."""
+    """Settings of the environment; InputErrors names every GEAR_TWIN_ variable that is none.
+
+    Kubernetes gives each pod variables of all Services of its namespace: what reads as one of them is no setting.
+    """
 
     def __call__(self) -> dict[str, Any]:
         known = {VARIABLE + name.upper() for name in self.settings_cls.model_fields}
-        unknown = [name for name in map(str.upper, os.environ) if name.startswith(VARIABLE) and name not in known]
+        given = {name.upper(): value for name, value in os.environ.items()}
+        unknown = [name for name in given if name.startswith(VARIABLE) and name not in known]
         lines = [
             f"environment: {name} is no setting{_meant(name, known | OTHERS)}"
             for name in unknown
-            if name not in OTHERS and not name.startswith(TESTS)
+            if name not in OTHERS and not name.startswith(TESTS) and not SERVICE_LINK.fullmatch(f"{name}={given[name]}")
         ]
         if lines:
             raise InputErrors(lines)

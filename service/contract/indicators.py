@@ -46,6 +46,9 @@ class SensorIndicators(ContractModel):
     crest_factor: float | None
     gears: dict[str, GearIndicators] | None = Field(default=None, description="by `pinion` and `gear`")
     not_available: dict[str, str] | None = Field(default=None, description="why a gear has none")
+    unit: str | None = Field(
+        default=None, description="`unknown` where `rms` is of raw values, whose unit is not known"
+    )
     doubt: str | None = Field(default=None, description="why those of gears may be of another speed")
 
     @classmethod
@@ -55,6 +58,8 @@ class SensorIndicators(ContractModel):
             parts["gears"] = {name: GearIndicators.of(gear) for name, gear in sensor.gears.items()}
         if sensor.unavailable:
             parts["not_available"] = dict(sensor.unavailable)
+        if not sensor.calibrated:
+            parts["unit"] = "unknown"
         if sensor.doubt:
             parts["doubt"] = sensor.doubt
         return cls(rms=sensor.rms, kurtosis=sensor.kurtosis, crest_factor=sensor.crest_factor, **parts)

@@ -39,6 +39,9 @@ class PositionModel(ContractModel):
     ahead_frames: int = Field(default=256, description="frames that may be sent before this is asked again")
     ahead_bytes: int = Field(default=2**22, description="bytes of these frames")
     backlog: int = Field(default=0, description="windows that wait to be processed")
+    unassessed: str | None = Field(
+        default=None, description="why windows that are stored cannot be assessed at present"
+    )
     shed: int = Field(
         default=0, description="windows left out for want of room, on arrival or while they waited to be processed"
     )

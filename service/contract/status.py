@@ -39,6 +39,7 @@ HELD: tuple[Level, ...] = ("watch", "alarm", "end_of_life")
 HYSTERESIS = LevelHysteresis()
 WAIT = "Send the first measurement window: nothing can be said of the machine before."
 WAIT_ON = "Wait until the windows that have come are assessed: nothing needs to be sent."
+REPAIR_WORKERS = "Look into the log of the service: what has been received is kept, and assessed once a worker lives."
 MOST_BEHIND = 3  # machines that are named
 RENEW = "Send a new measurement window: it renews the figures."
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
@@ -70,12 +71,14 @@ class Backlog(ContractModel):
     windows: int
     since: str = Field(description="when the oldest of them was complete, ISO 8601, by the service's clock")
     behind: list[str] = Field(description="machines that are assessed before; empty where it is this machine's turn")
+    reason: str | None = Field(default=None, description="why no window of any machine can be assessed at present")
 
     def sentence(self) -> str:
-        """How many wait, since when and behind which machines."""
+        """How many wait, since when and behind which machines, or why none can be assessed."""
         behind = f", behind {', '.join(self.behind[:MOST_BEHIND])}" if self.behind else ""
         wait = "windows wait" if self.windows > 1 else "window waits"
-        return f"{self.windows} {wait} to be assessed since {self.since[11:19]} UTC{behind}"
+        why = f": {self.reason}" if self.reason else behind
+        return f"{self.windows} {wait} to be assessed since {self.since[11:19]} UTC{why}"
 
 
 class DataStatus(ContractModel):
@@ -211,7 +214,9 @@ def without_verdict(reason: str, action: str) -> dict[str, Any]:
 
 def none_yet(reason: str, backlog: Backlog | None = None) -> dict[str, Any]:
     """The status of an asset before its first assessment; `backlog` waits for it."""
-    return without_verdict(reason, WAIT) if backlog is None else without_verdict(backlog.sentence(), WAIT_ON)
+    if backlog is None:
+        return without_verdict(reason, WAIT)
+    return without_verdict(backlog.sentence(), WAIT_ON if backlog.reason is None else REPAIR_WORKERS)
 
 
 def with_status_since(
@@ -270,7 +275,7 @@ def _data_of(records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None
         return DataStatus(level="waiting", reason=waiting)
     grade, since = _grade(records[-1]), None
     if grade not in ("degraded", "refused"):
-        return DataStatus(level="ok", reason=f"the latest window is {grade}")
+        return DataStatus(level="ok", reason=f"the latest window is {grade}{_without(records[-1])}")
     for record in reversed(records):
         if _grade(record) not in ("degraded", "refused"):
             break
@@ -278,6 +283,16 @@ def _data_of(records: Sequence[Mapping[str, Any]], stale: tuple[str, str] | None
     faults = dict.fromkeys(f"{f['kind'].replace('_', ' ')} in {f['channel']}" for f in records[-1].get("faults") or ())
     why = records[-1].get("reason") or ", ".join(faults) or "the cause was not recorded"
     return DataStatus(level="degraded", reason=f"the latest window is {grade}: {why}", since=since)
+
+
+def _without(record: Mapping[str, Any]) -> str:
+    """What a good window does not say of the gears, and why: it has no speed, or is too short for their averages."""
+    speed = (record.get("not_available") or {}).get("speed_hz")
+    if speed:
+        return f", without a speed: {speed}"
+    sensors = (record.get("indicators") or {}).values()
+    why = [reason for sensor in sensors for reason in (sensor.get("not_available") or {}).values()]
+    return "" if not why or any(s.get("gears") for s in sensors) else f", without indicators of the gears: {why[0]}"
 
 
 def shown(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -54,14 +55,14 @@ def check_schema(where: str, data: Mapping[str, Any], schema: str) -> None:
         return
     if found in PURPOSES:
         raise InputError(f"{where}: this file is {PURPOSES[found]}, not {PURPOSES[schema]} (schema {schema!r})")
-    raise InputError(f"{where}: schema = {found!r} must be {schema!r}")
+    raise InputError(f"{where}: schema = {given(found)} must be {schema!r}")
 
 
 def check_asset(where: str, data: Mapping[str, Any]) -> str:
     """The asset of a document."""
     asset = data.get("asset")
     if not isinstance(asset, str) or not NAME.fullmatch(asset):
-        raise InputError(f"{where}: asset = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
+        raise InputError(f"{where}: asset = {given(asset)} must be 1 to 64 letters, digits, '_', '-' or '.'")
     return asset
 
 
@@ -76,15 +77,22 @@ def table_of(where: str, data: Mapping[str, Any], key: str) -> dict[str, Any]:
     """A table of a document, empty where it is not there."""
     value = data.get(key, {})
     if not isinstance(value, dict):
-        raise InputError(f"{where}: {key} = {value!r} must be a table")
+        raise InputError(f"{where}: {key} = {given(value)} must be a table")
     return value
+
+
+def given(value: Any) -> str:
+    """A value as a message shows it: as the file has it, or that it is missing."""
+    if value is None:
+        return "(missing)"
+    return value.isoformat() if isinstance(value, date) else repr(value)
 
 
 def number_of(where: str, key: str, value: Any, limits: tuple[float, float], unit: str, hint: str = "") -> float:
     """A finite number within limits, both of them allowed."""
     low, high = limits
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not -MOST <= value <= MOST:
-        raise InputError(f"{where}: {key} = {value!r} must be a number{f' [{unit}]' if unit else ''}")
+        raise InputError(f"{where}: {key} = {given(value)} must be a number{f' [{unit}]' if unit else ''}")
     if not low <= value <= high:
         cause = f"; {hint}" if hint and hint != "?" else ""
         raise InputError(

@@ -2,7 +2,7 @@
 
 A column is named by its header and its unit first, and by its values where these say nothing:
 
-    time          rises evenly
+    time          rises evenly, and does not count the rows
     tachometer    two levels, between which it goes at regular intervals
     levels        0 and 1 only, a pair of them with a and b in their names: a quadrature encoder
     acceleration  alternates about its mean
@@ -20,9 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.errors import InputError
-from service.files.import_rate import TimeAxis, even_axis, is_time, time_axis
+from service.files.import_channel import COUNTS, unwrapped
+from service.files.import_rate import TIME_UNITS, TimeAxis, axis_of, counts_rows, is_time, time_axes
 from service.files.readers import Column, Table
-from service.files.readers.table import split_unit
+from service.files.readers.table import UNIT_NAMES, split_unit
 from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
 from service.stream.channels import SHAFTS
 from twin.errors import WindowError
@@ -39,19 +40,37 @@ OTHER_UNITS = {
     "deg": "an angle has no channel: give encoder edges or pulses", "°": "an angle has no channel",
     "rad": "an angle has no channel: give encoder edges or pulses",
 }  # fmt: skip
+NO_CHANNEL = (
+    (re.compile(r"speed|rpm|drehzahl|velocity|geschw|vitesse|^n$", re.I), OTHER_UNITS["rpm"]),
+    (
+        re.compile(r"\bload|last\b|lastfall|power|leistung|current|strom|voltage|spannung", re.I),
+        'a load is a slow channel: kind = "load" in the mapping',
+    ),
+    (
+        re.compile(r"class|label|\bfault|state|status|\bflag|klasse|target|condition|\bid\b|severity|zustand", re.I),
+        "a class or a state has no channel",
+    ),
+    (re.compile(r"clock|count|index|zähler|\bno\b|\bnr\b|sample|row", re.I), "a count has no channel"),
+    (re.compile(r"pressure|druck|humid|flow|level|position|angle|winkel|displace", re.I), "it has no channel"),
+)  # names of quantities that no channel carries, and why a column of such a name is none
 NAMES = (
     (
         TACHO,
-        re.compile(r"tach|keyphas|\bkp\b|trig|puls|once|per.?rev|\bttl\b|lichtschranke|drehzahl|zündung|rpm", re.I),
+        re.compile(
+            r"tach|keyphas|\bkp\b|trig|puls|once|per.?rev|\bttl\b|lichtschranke|drehzahl|zündung|rpm|speed", re.I
+        ),
     ),
     (TORQUE, re.compile(r"torque|drehmoment|moment|couple|\btq\b|\btrq\b|\bmd\b", re.I)),
     (TEMPERATURE, re.compile(r"temp|\boil\b|öl|thermo", re.I)),
     (ACCEL, re.compile(r"acc|beschl|vib|^a\d*$|^a[_ ]?[xyz]\d*$|^[xyz]$|^ch\d+$|imepe|icp|housing|_DE_|_FE_", re.I)),
 )
-OF_GEAR = re.compile(r"gear(?!box)|out|abtrieb|slow|brake|driven|wheel|\brad\b|2$", re.I)
-OF_PINION = re.compile(r"pinion|ritzel|input|\bin\b|motor|antrieb|fast|drive\b|driving|1$", re.I)
+OF_GEAR = {"gear", "wheel", "out", "output", "abtrieb", "slow", "brake", "driven", "rad", "lss"}
+OF_PINION = {"pinion", "ritzel", "in", "input", "motor", "antrieb", "fast", "drive", "driving", "hss"}
 LEVELS_AB = re.compile(r"^(?P<stem>.*?)[ _.-]?(?P<level>[abAB])$")
+SELDOM, CLASSES = 0.05, 20  # share of samples at which a class changes, and how many classes there may be
+RAW_UNITS = {"v", "mv", "µv", "count", "counts", "-", ""}  # that say nothing of the quantity
 TWO_LEVELS = 0.9  # share of the values of a tachometer that lie near one of its levels
+SAID_UNCERTAINTY = 1e-5  # relative, of a rate, from which it is said
 SPEEDS = (0.05, 2000.0)  # turns/s of a shaft
 
 
@@ -83,7 +102,7 @@ class Proposal:
     rate: float | None  # [Hz]; None where the channels have rates of their own, or none is known
     rate_from: str
     duration: float | None  # [s]
-    axis: TimeAxis | None
+    axes: tuple[TimeAxis, ...]
 
 
 def proposal_of(table: Table, file: str, rate: float | None = None, shaft: str | None = None) -> Proposal:
@@ -92,72 +111,74 @@ def proposal_of(table: Table, file: str, rate: float | None = None, shaft: str |
     rate   sample rate that a person states [Hz]
     shaft  that the tachometer is on; found by its name, else the pinion, where None
     """
-    axis = _axis(table, file)
-    used = axis.name if axis else ""
+    axes = _axes(table, file)
+    used = {axis.name: axis for axis in axes}
     longest = max(c.values.size for c in table.columns)
     guesses: list[Guess] = []
     taken: set[str] = set()
-    pairs = _level_pairs([c for c in table.columns if c.name != used])
+    pairs = _level_pairs([c for c in table.columns if c.name not in used])
     paired = {name for pair in pairs for name in pair}
+    rates: dict[str, float | None] = {}
     for column in table.columns:
-        if column.name == used:
-            guesses.append(Guess(columns=(column.name,), kind=TIME, why=_why_time(column, axis)))
-        elif column.name not in paired:
-            own = _rate_of(column, table, axis, rate)
-            guesses.append(_guess(column, own, longest))
+        if column.name in used:
+            guesses.append(Guess(columns=(column.name,), kind=TIME, why=_why_time(used[column.name])))
+            continue
+        rates[column.name] = _rate_of(column, table, axes, rate)
+        if column.name not in paired:
+            guesses.append(_guess(column, rates[column.name], longest))
     guesses += [_levels(pair) for pair in pairs]
     named = [_named(g, taken, shaft) for g in _faster_first(guesses)]
     order = {name: i for i, name in enumerate(c.name for c in table.columns)}
     named.sort(key=lambda g: order[g.columns[0]])
-    rates = {_rate_of(c, table, axis, rate) for c in table.columns if c.name != used}
-    single = next(iter(rates)) if len(rates) == 1 else None
+    named += [Guess(columns=(name,), kind=LEFT_OUT, why=why) for name, why in table.left_out.items()]
+    same = set(rates.values())
+    single = next(iter(same)) if len(same) == 1 else None
     length = longest / single if single else None
     return Proposal(
-        guesses=tuple(named), rate=single, rate_from=_rate_from(table, axis, rate, rates), duration=length, axis=axis
+        guesses=tuple(named), rate=single, rate_from=_rate_from(table, axes, rate, same), duration=length, axes=axes
     )
 
 
-def _axis(table: Table, file: str) -> TimeAxis | None:
-    """The time column: by its name, else the first column that rises evenly, of a file that states no rate."""
-    axis = time_axis("the file", table, file, None, set())
-    if axis is not None:
-        return axis
+def _axes(table: Table, file: str) -> tuple[TimeAxis, ...]:
+    """The time columns: by name and type, else the first column that rises evenly, of a file that states no rate."""
+    axes = time_axes("the file", table, file, None, set())
     first = table.columns[0]
-    if len(table.columns) < 2 or table.rate or first.rate or first.times is not None:
-        return None
+    if axes or len(table.columns) < 2 or table.rate or first.rate or first.times is not None or counts_rows(first):
+        return tuple(axes)
     steps = np.diff(np.asarray(first.values, dtype=float))
-    if not np.all(steps > 0) or is_time(first):
-        return None
+    if not np.all(steps > 0) or is_time(first) or split_unit(first.name)[1].lower() not in TIME_UNITS:
+        return ()
     try:
-        return even_axis(f"the column {first.name!r}", first.name, first.values)
+        return tuple(time_axes("the file", table, file, first.name, set()))
     except InputError:
-        return None
+        return ()
 
 
-def _why_time(column: Column, axis: TimeAxis | None) -> str:
-    assert axis is not None
+def _why_time(axis: TimeAxis) -> str:
     gaps = f", {axis.missing} samples missing" if axis.missing else ""
     return f"rises evenly{gaps}"
 
 
-def _rate_of(column: Column, table: Table, axis: TimeAxis | None, rate: float | None) -> float | None:
+def _rate_of(column: Column, table: Table, axes: Sequence[TimeAxis], rate: float | None) -> float | None:
     if column.rate is not None:
         return column.rate
     if column.times is not None and column.times.size > 1:
         return float((column.times.size - 1) / (column.times[-1] - column.times[0]))
-    if table.rate is not None:
-        return table.rate
-    return rate if axis is None or rate is not None else axis.rate
+    axis = axis_of(axes, column)
+    return table.rate or rate or (axis.rate if axis else None)
 
 
-def _rate_from(table: Table, axis: TimeAxis | None, rate: float | None, rates: set[float | None]) -> str:
+def _rate_from(table: Table, axes: Sequence[TimeAxis], rate: float | None, rates: set[float | None]) -> str:
     if any(c.rate is not None or c.times is not None for c in table.columns):
         return "stated by the file" if len(rates) == 1 else "stated by the file, different by channel"
+    times = ", ".join(repr(axis.name) for axis in axes)
     if rate is not None:
-        return "as given, and by the times of " + repr(axis.name) if axis else "as given"
-    if axis is None:
+        return f"as given, and by the times of {times}" if times else "as given"
+    if not times:
         return "stated in the file" if table.rate else "not known"
-    return f"from the times of {axis.name!r}" + (", as stated above the numbers" if table.rate else "")
+    doubt = max(axis.uncertainty for axis in axes)
+    less_sure = f", ± {100 * doubt:.1g} %" if doubt > SAID_UNCERTAINTY else ""
+    return f"from the times of {times}{less_sure}" + (", as stated above the numbers" if table.rate else "")
 
 
 def _level_pairs(columns: Sequence[Column]) -> list[tuple[str, str]]:
@@ -188,11 +209,14 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
         return replace(base, why=f"{values.size - good.size} of {values.size} values are empty")
     if np.ptp(good) == 0:
         return replace(base, why=f"constant, {good[0]:g}")
-    if np.all(np.diff(good) > 0):
+    if counts_rows(column):
+        return replace(base, why="counts the rows: no time; give the sample rate (--rate)")
+    going = np.diff(unwrapped(good))
+    if np.all(going >= 0) or np.all(going <= 0):
         return _rising(base, values, longest)
-    if unit.lower() in OTHER_UNITS:
-        return replace(base, why=OTHER_UNITS[unit.lower()])
     known = UNITS.get(unit.lower())
+    if unit.lower() in OTHER_UNITS or (known is None and unit.lower() in UNIT_NAMES - RAW_UNITS):
+        return replace(base, why=OTHER_UNITS.get(unit.lower(), f"a quantity in {unit} has no channel"))
     kind = known[0] if known else next((k for k, pattern in NAMES if pattern.search(name)), "")
     pulses = _pulses(good, rate) if kind in ("", TACHO) else None
     if pulses is not None and (kind == TACHO or _two_levels(good, pulses)):
@@ -201,8 +225,13 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
             base, kind=TACHO, unit=unit, falling=pulses.high < pulses.low, speed=pulses.speed,
             why=f"{how}{pulses.times.size} regular pulses, {pulses.speed:.5g} a second",
         )  # fmt: skip
+    named_otherwise = "" if known else next((why for pattern, why in NO_CHANNEL if pattern.search(name)), "")
+    if named_otherwise and kind in ("", TACHO):
+        return replace(base, why=named_otherwise)
     if kind == TACHO:
         return replace(base, why="named like a tachometer, but no regular pulses stand out")
+    if not kind and _are_classes(good):
+        return replace(base, why=f"{np.unique(good).size} whole numbers that seldom change: a class or a state")
     if known:
         return replace(base, kind=known[0], unit=known[1], scale=known[2], why=f"unit {unit}", remark=_remark(known[1]))
     return _without_unit(base, kind or ACCEL, unit, bool(kind))
@@ -223,14 +252,26 @@ def _without_unit(base: Guess, kind: str, unit: str, named: bool) -> Guess:
     return replace(base, kind=kind, unit="unknown", why=why, remark=remark)
 
 
+def _are_classes(good: np.ndarray) -> bool:
+    """Whether values are few whole numbers that stay the same from sample to sample."""
+    return bool(
+        np.all(good == np.rint(good)) and np.mean(np.diff(good) != 0) < SELDOM and np.unique(good).size <= CLASSES
+    )
+
+
 def _rising(base: Guess, values: np.ndarray, longest: int) -> Guess:
-    """A column that only rises: times of edges where it is shorter than the signals, else a counter or a time."""
-    if values.size < longest:
+    """A column that goes one way: times of edges where it is shorter than the signals, else a counter or a time."""
+    if values.size < longest and np.all(np.diff(values) > 0):
         return replace(
             base, kind="encoder", unit="s", why="rises, and is shorter than the signals: times of edges",
             remark="edges_per_rev is not in the file: give the edges a turn",
         )  # fmt: skip
-    return replace(base, why="only rises: a counter or another time")
+    if np.all(values == np.rint(values)) and np.unique(values).size > CLASSES:
+        return replace(
+            base, kind="encoder", unit=COUNTS, why="whole numbers that go one way: a counter that is sampled",
+            remark="edges_per_rev is not in the file: give the counts a turn (--pulses-per-rev)",
+        )  # fmt: skip
+    return replace(base, why="goes one way: a counter or another time")
 
 
 def _pulses(values: np.ndarray, rate: float | None) -> Pulses | None:
@@ -265,13 +306,14 @@ def _named(guess: Guess, taken: set[str], shaft: str | None) -> Guess:
     label = split_unit(guess.columns[0])[0]
     if guess.kind in (TACHO, TORQUE, "encoder"):
         group = "encoder" if guess.kind == TACHO else guess.kind
-        wanted = shaft if guess.kind == TACHO and shaft else _shaft(label)
+        said = _shaft(label)
+        wanted = shaft if guess.kind == TACHO and shaft else said or "pinion"
         free = [s for s in (wanted, *SHAFTS) if f"{group}/{s}" not in taken]
         if not free:
             return replace(guess, kind=LEFT_OUT, why="both shafts have such a channel already", remark="")
         taken.add(f"{group}/{free[0]}")
-        sure = shaft == free[0] or (OF_GEAR if free[0] == "gear" else OF_PINION).search(label)
-        remark = guess.remark or ("" if sure else f"assumed to be on the {free[0]}")
+        sure = free[0] in (shaft, said)
+        remark = "; ".join(t for t in (guess.remark, "" if sure else f"assumed to be on the {free[0]}") if t)
         return replace(guess, name=free[0], remark=remark)
     base = plain_name(label)
     name, number = base, 2
@@ -282,7 +324,10 @@ def _named(guess: Guess, taken: set[str], shaft: str | None) -> Guess:
 
 
 def _shaft(label: str) -> str:
-    return "gear" if OF_GEAR.search(label) and not OF_PINION.search(label) else "pinion"
+    """The shaft that a name says as a word of it; empty where it says none, or both."""
+    said = {word.lower() for word in re.findall(r"[A-Z]?[a-zäöüß]+|[A-Z]+(?![a-z])", label)}
+    gear, pinion = bool(said & OF_GEAR), bool(said & OF_PINION)
+    return "" if gear == pinion else "gear" if gear else "pinion"
 
 
 def plain_name(text: str) -> str:

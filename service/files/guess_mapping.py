@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+from service.errors import InputError
+from service.files.documents import check_asset
 from service.files.guess import LEFT_OUT, TACHO, TIME, Guess, Proposal
+from service.files.import_channel import COUNTS
+from service.files.import_columns import columns_of
+from service.files.import_mapping import checked_mapping
 from service.files.import_recording import toml_value
+from service.files.readers import Table
+
+UNKNOWN_EDGES = "# edges_per_rev = 1024  # replace: not in the file"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,9 +70,9 @@ def mapping_text(proposal: Proposal, known: Known) -> str:
         lines.append(f"age = {toml_value(known.age)}  # of the gears when the file begins")
     lines += ["", "[file]", f"path = {toml_value(known.path)}"]
     if known.rate is not None:
-        lines.append(f"sample_rate_hz = {known.rate:g}")
-    if proposal.axis is not None:
-        lines.append(f"time_column = {toml_value(proposal.axis.name)}")
+        lines.append(f"sample_rate_hz = {known.rate!r}")
+    if len(proposal.axes) == 1:
+        lines.append(f"time_column = {toml_value(proposal.axes[0].name)}")
     if proposal.rate is not None:
         lines.append(f"# {proposal.rate:.9g} samples a second, {proposal.rate_from}")
     for guess in proposal.guesses:
@@ -72,10 +82,22 @@ def mapping_text(proposal: Proposal, known: Known) -> str:
     return "\n".join(lines)
 
 
+def check_text(text: str, path: Path, table: Table, proposal: Proposal) -> None:
+    """InputError where the reader of mapping files, or the data file, would refuse a proposal's mapping file."""
+    if all(guess.kind in (TIME, LEFT_OUT) for guess in proposal.guesses):
+        why = "; ".join(f"{', '.join(g.columns)}: {g.why}" for g in proposal.guesses if g.kind == LEFT_OUT)
+        raise InputError(f"no column of the file can be a channel: {why}")
+    document = tomllib.loads(text)
+    check_asset("--asset", document)
+    if UNKNOWN_EDGES not in text.splitlines():  # else it says what a person has to add
+        columns_of(checked_mapping(document, path), table, document["file"]["path"])
+
+
 def _channel(guess: Guess, known: Known) -> Sequence[str]:
     columns = ", ".join(guess.columns)
     if guess.kind in (TIME, LEFT_OUT):
-        return [f"# {columns}: {guess.kind}, {guess.why}"]
+        said = f"{columns}: {guess.kind}, {guess.why}"
+        return [f"# {' '.join(said.split())}"]
     head = f"[channels.{toml_key(guess.name)}]" if guess.kind == "accel" else f"[channels.{guess.kind}.{guess.name}]"
     lines = [f"{head}  # {guess.why}{'; ' + guess.remark if guess.remark else ''}"]
     if len(guess.columns) > 1:
@@ -91,7 +113,8 @@ def _channel(guess: Guess, known: Known) -> Sequence[str]:
     if guess.scale != 1:
         lines.append(f"scale = {guess.scale!r}")
     if guess.kind == "encoder":
-        lines.append("# edges_per_rev = 1024  # replace: not in the file")
+        known_edges = guess.unit == COUNTS and known.pulses_per_rev > 1
+        lines.append(f"edges_per_rev = {known.pulses_per_rev}" if known_edges else UNKNOWN_EDGES)
     return lines
 
 

@@ -10,20 +10,30 @@ one shaft:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from service.errors import InputError
-from service.files.documents import check_keys, number_of
+from service.files.documents import check_keys, given, number_of
+from service.files.units import UNITS
 from service.stream.channels import CHANNEL_KINDS, SHAFTS, ChannelKind, Conversion, Layout
 from service.stream.wire.topics import NAME
 from twin.features.pulses import PulseSettings
 
-QUADRATURE, PULSES = "quadrature", "pulses"
+QUADRATURE, COUNTS, PULSES = "quadrature", "counts", "pulses"
+SAMPLED = (QUADRATURE, COUNTS, PULSES)  # units of encoders whose columns are sampled evenly; others hold edge times
+ROLL_OVER = (2.0**16, 2.0**24, 2.0**32)  # of counters
 TACHOMETER = "tachometer"  # a kind of this file alone: what comes of it is an encoder channel
 KINDS = (*CHANNEL_KINDS, TACHOMETER)
 EDGES = (1, 1e7)  # a turn
+SENSITIVITY = re.compile(
+    r"^\s*(?P<number>\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<volt>m?V|µV|μV|uV)\s*/\s*(?P<per>.+?)\s*$"
+)
+VOLT = {"V": 1.0, "mV": 1e-3, "µV": 1e-6, "μV": 1e-6, "uV": 1e-6}
 FLANKS = ("rising", "falling")
 KEYS: dict[str, tuple[str, ...]] = {
     "channels.": (
@@ -102,17 +112,17 @@ def _channel(where: str, key: str, prefix: str, name: str, table: dict[str, Any]
     unit = table.get("unit")
     if not isinstance(unit, str) or unit not in kind.import_units:
         hint = f"; for pulses of a voltage: kind = {TACHOMETER!r}" if kind.layout is Layout.EDGES else ""
-        raise InputError(f"{where}: {key}.unit = {unit!r} must be one of {', '.join(kind.import_units)}{hint}")
+        raise InputError(f"{where}: {key}.unit = {given(unit)} must be one of {', '.join(kind.import_units)}{hint}")
     _refuse(where, key, table, OF_PULSES, f"goes with kind {TACHOMETER!r} only")
     conversion = kind.import_units[unit]
     edges, edges_from = 0, ""
     first: int | None = None
     if kind.layout is Layout.EDGES:
-        given = table.get("edges_per_rev")
-        if isinstance(given, str):
-            edges_from = given
+        stated = table.get("edges_per_rev")
+        if isinstance(stated, str):
+            edges_from = stated
         else:
-            edges = checked_edges(where, f"{key}.edges_per_rev", given)
+            edges = checked_edges(where, f"{key}.edges_per_rev", stated)
         first = _first_edge_index(where, key, table)
     factor = _factor(where, key, kind, conversion, table) * _scale(where, key, table)
     return ChannelMapping(
@@ -188,8 +198,8 @@ def _kind_of(where: str, key: str, name: str, segment: str) -> ChannelKind:
 
 
 def _first_edge_index(where: str, key: str, table: dict[str, Any]) -> int | None:
-    given = table.get("first_edge_index")
-    return None if given is None else int(number_of(where, f"{key}.first_edge_index", given, (0, 2**53), ""))
+    index = table.get("first_edge_index")
+    return None if index is None else int(number_of(where, f"{key}.first_edge_index", index, (0, 2**53), ""))
 
 
 def _scale(where: str, key: str, table: dict[str, Any]) -> float:
@@ -204,12 +214,39 @@ def _factor(where: str, key: str, kind: ChannelKind, conversion: Conversion, tab
     """What the values of the column are multiplied by; of volts, one over the sensitivity that the mapping gives."""
     sensitivity = table.get("sensitivity")
     if conversion.per_volt:
+        sensitivity = _volts_per_unit(where, key, kind, sensitivity)
         return 1 / number_of(where, f"{key}.sensitivity", sensitivity, (1e-9, 1e9), f"V per {kind.unit}", "mV?")
     if sensitivity is not None:
         raise InputError(
             f"{where}: {key}.sensitivity = {sensitivity!r} goes with unit 'V' only, not {table.get('unit')!r}"
         )
     return conversion.factor
+
+
+def _volts_per_unit(where: str, key: str, kind: ChannelKind, stated: Any) -> Any:
+    """A sensitivity as on a certificate, such as `100 mV/g`, in V per the contract's unit; others as they are."""
+    if not isinstance(stated, str):
+        return stated
+    found = SENSITIVITY.match(stated)
+    unit = UNITS.get(found["per"].strip("() ").lower()) if found else None
+    if not found or unit is None or unit[0] != kind.segment:
+        own = " or ".join(f"'100 mV/{u}'" for u in kind.import_units if u.lower() in UNITS)
+        raise InputError(
+            f"{where}: {key}.sensitivity = {stated!r} must be a number of V per {kind.unit}, or a text such as {own}"
+        )
+    volts = float(found["number"].replace(",", ".")) * VOLT[found["volt"]]
+    return volts / (unit[2] * kind.import_units[unit[1]].factor)
+
+
+def unwrapped(values: np.ndarray) -> np.ndarray:
+    """The values of a counter without its passing from the largest number to 0, or back; others as they are."""
+    steps = np.diff(values)
+    largest = np.abs(steps).max(initial=0.0)
+    size = next((s for s in ROLL_OVER if values.max() < s and s / 2 < largest), None)
+    if size is None or values.min() < 0:
+        return values
+    steps -= size * np.rint(steps / size)
+    return np.concatenate(([values[0]], values[0] + np.cumsum(steps)))
 
 
 def checked_edges(where: str, key: str, value: Any) -> int:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from service.errors import InputError
-from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping, checked_edges
+from service.files.import_channel import COUNTS, QUADRATURE, SAMPLED, ChannelMapping, checked_edges, unwrapped
 from service.files.import_mapping import ImportMapping
-from service.files.import_rate import TimeAxis, time_axis, timing_of
+from service.files.import_rate import TimeAxis, time_axes, timing_of
 from service.files.readers import Column, Table, read_table
 from service.files.readers.table import split_unit
 from service.stream.channels import CHANNEL_KINDS, Layout
@@ -49,15 +49,20 @@ def read_columns(mapping: ImportMapping, path: Path) -> DataFile:
         table = read_table(path, mapping.text)
     except InputError as error:
         raise InputError(f"{mapping.where}: file.path: {error}") from None
+    return columns_of(mapping, table, path.name)
+
+
+def columns_of(mapping: ImportMapping, table: Table, file: str) -> DataFile:
+    """The mapped columns of a data file that has been read; InputError where mapping and file contradict."""
     used = {column for channel in mapping.channels for column in channel.columns}
-    axis = time_axis(mapping.where, table, path.name, mapping.time_column, used)
-    channels = tuple(_with_edges(mapping, c, table, path.name) for c in mapping.channels)
-    measured = {c.label: _measured(mapping, c, table, path.name, axis) for c in channels}
+    axes = time_axes(mapping.where, table, file, mapping.time_column, used)
+    channels = tuple(_with_edges(mapping, c, table, file) for c in mapping.channels)
+    measured = {c.label: _measured(mapping, c, table, file, axes) for c in channels}
     return DataFile(
         mapping=replace(mapping, channels=channels),
-        channels=_from_one_origin(measured, axis),
+        channels=_from_one_origin(measured, bool(axes)),
         units={c.label: _stated_unit(table, c) for c in channels},
-        started=table.started,
+        started=table.started or next((a.began for a in axes if a.began), None),
         notes=table.notes,
     )
 
@@ -67,11 +72,11 @@ def _stated_unit(table: Table, channel: ChannelMapping) -> str:
     return "" if column is None else column.unit or split_unit(column.name)[1]
 
 
-def _from_one_origin(measured: Mapping[str, Measured], axis: TimeAxis | None) -> dict[str, Measured]:
+def _from_one_origin(measured: Mapping[str, Measured], timed: bool) -> dict[str, Measured]:
     """The channels on a clock that starts with the first of them; edge times are on the clock of the time column."""
     starts = [m.start for m in measured.values() if m.rate > 0]
     origin = min(starts, default=0.0)
-    edges_from = origin if axis is not None else min(origin, 0.0)
+    edges_from = origin if timed else min(origin, 0.0)
     return {
         label: replace(m, start=m.start - origin) if m.rate > 0 else replace(m, values=m.values - edges_from)
         for label, m in measured.items()
@@ -79,7 +84,7 @@ def _from_one_origin(measured: Mapping[str, Measured], axis: TimeAxis | None) ->
 
 
 def _measured(
-    mapping: ImportMapping, channel: ChannelMapping, table: Table, file: str, axis: TimeAxis | None
+    mapping: ImportMapping, channel: ChannelMapping, table: Table, file: str, axes: list[TimeAxis]
 ) -> Measured:
     columns = [_column(mapping, channel, name, table, file) for name in channel.columns]
     if len({c.values.size for c in columns}) > 1:
@@ -89,9 +94,9 @@ def _measured(
         )
     values = [_checked_values(mapping, channel, c, file) for c in columns]
     kind = CHANNEL_KINDS[channel.kind]
-    if kind.layout is Layout.EDGES and channel.unit not in (QUADRATURE, PULSES):
+    if kind.layout is Layout.EDGES and channel.unit not in SAMPLED:
         return Measured(values=values[0], rate=0.0, start=0.0)
-    timing = timing_of(mapping, channel.key, columns[0], table, axis)
+    timing = timing_of(mapping, channel.key, columns[0], table, axes, kind.slow)
     if timing.axis is not None:
         values = [timing.axis.laid_out(v) for v in values]
     return Measured(
@@ -114,7 +119,8 @@ def _column(mapping: ImportMapping, channel: ChannelMapping, name: str, table: T
                 f"{mapping.where}: {channel.key}.{_key(channel)} = {name!r} of {file} is a single number and must be "
                 "a row of numbers"
             )
-        why = "holds no numbers" if name in table.other_names else "is not"
+        left_out = table.left_out.get(name)
+        why = f"is no row of numbers ({left_out})" if left_out else "is not"
         has = ", ".join(table.names) or "no named column"
         raise InputError(f"{mapping.where}: {channel.key}.{_key(channel)} = {name!r} {why} in {file}, which has {has}")
     return column
@@ -143,11 +149,15 @@ def _checked_values(mapping: ImportMapping, channel: ChannelMapping, column: Col
         raise InputError(f"{key} has {int(good.sum())} finite values of {array.size} in {file}; the right column?")
     if channel.unit == QUADRATURE:
         _check_levels(key, array, good, file)
-    elif kind.layout is Layout.EDGES and channel.unit != PULSES:
+    elif channel.unit == COUNTS:
+        if not good.all() or np.any(array != np.rint(array)):
+            raise InputError(f"{key} must hold whole numbers at every sample in {file}: counts of an encoder?")
+        return unwrapped(array)
+    elif kind.layout is Layout.EDGES and channel.unit not in SAMPLED:
         if not good.all() or np.any(np.diff(array) <= 0):
             raise InputError(
-                f"{key} must hold rising edge times [s]; levels (unit {QUADRATURE!r}), counts, or the voltage of a "
-                f"tachometer (kind 'tachometer')?"
+                f"{key} must hold rising edge times [s]; levels (unit {QUADRATURE!r}), a counter (unit {COUNTS!r}), "
+                f"or the voltage of a tachometer (kind 'tachometer')?"
             )
     elif np.ptp(array[good]) == 0 and not kind.slow:
         raise InputError(f"{key} is {array[good][0]:g} throughout {file}; the right column?")

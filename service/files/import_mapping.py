@@ -50,7 +50,7 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import InputError
-from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of, table_of
+from service.files.documents import check_asset, check_keys, check_schema, given, load_document, number_of, table_of
 from service.files.gear_age import age_of
 from service.files.import_channel import KEYS, ChannelMapping, mapped_channels
 from service.files.readers import TextForm, format_of
@@ -83,14 +83,17 @@ class ImportMapping:
     age: str | float | None  # of the gears when the file begins, as in a rig file; None where it is not stated
 
 
-def load_import_mapping(path: str | Path) -> ImportMapping:
-    """The checked mapping of a mapping file; InputError with the key that is wrong."""
+def load_import_mapping(path: str | Path, source: str | Path | None = None) -> ImportMapping:
+    """The checked mapping of a mapping file; InputError with the key that is wrong.
+
+    source  data file of a mapping that names none
+    """
     path = Path(path)
     _refuse_data_file(path)
-    return checked_mapping(load_document(path, "mapping file"), path)
+    return checked_mapping(load_document(path, "mapping file"), path, source)
 
 
-def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
+def checked_mapping(data: dict[str, Any], path: Path, source: str | Path | None = None) -> ImportMapping:
     """The mapping of a TOML document read from `path`."""
     where = str(path)
     check_schema(where, data, SCHEMA)
@@ -98,8 +101,9 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
     asset = check_asset(where, data)
     file = table_of(where, data, "file")
     check_keys(where, _KEYS, "file.", file)
-    if not isinstance(file.get("path"), str):
-        raise InputError(f"{where}: file.path = {file.get('path')!r} must name a data file")
+    named = file.get("path", "" if source else None)
+    if not isinstance(named, str):
+        raise InputError(f"{where}: file.path = {given(named)} must name a data file, or --source must")
     channels = table_of(where, data, "channels")
     if not channels:
         raise InputError(f"{where}: channels must name at least one column")
@@ -121,7 +125,7 @@ def checked_mapping(data: dict[str, Any], path: Path) -> ImportMapping:
         description=str(data.get("description", "")),
         started=_started(where, data.get("started")),
         notes=tuple(str(n) for n in data.get("notes", ())),
-        path=path.parent / file["path"],
+        path=path.parent / named,
         sample_rate=_rate(where, file),
         time_column=_time_column(where, file),
         text=_text_form(where, file),
@@ -140,9 +144,9 @@ def _age(where: str, data: dict[str, Any], rig: dict[str, Any]) -> str | float |
 
 def _rig_of(where: str, data: dict[str, Any], path: Path) -> dict[str, Any]:
     """The rig file of a mapping: its table, or the file that it names."""
-    given = data.get("rig")
-    if isinstance(given, str):
-        return load_mapping(path.parent / given)
+    named = data.get("rig")
+    if isinstance(named, str):
+        return load_mapping(path.parent / named)
     return dict(table_of(where, data, "rig"))
 
 
@@ -189,7 +193,7 @@ def _started(where: str, value: Any) -> datetime | None:
     if value is None:
         return None
     if not isinstance(value, datetime):
-        raise InputError(f"{where}: started = {value!r} must be a date with time, such as 2020-10-28T00:00:00Z")
+        raise InputError(f"{where}: started = {given(value)} must be a date with time, such as 2020-10-28T00:00:00Z")
     moment = value if value.tzinfo else value.replace(tzinfo=UTC)
     if moment.timestamp() <= 0:
         raise InputError(f"{where}: started = {value.isoformat()} must lie after 1970-01-01")

@@ -1,22 +1,28 @@
 """When the values of a column were taken: from its own times, the file's time column, or a stated rate; all must agree.
 
-    rate = (n − 1)/(t_last − t_first) of a time column with n values
+    rate = slope of the row numbers over the printed times
+    u    = min(q·rate, 1)/n         its relative uncertainty; where a printed time repeats, of rows at whole ticks
 
-A time column is printed with so many digits, and a clock has its jitter: its steps need not be equal. A step that is
-longer than 1.5 of the others is a gap, in which samples are missing; a time column that falls, or whose steps differ
-for no such reason, is refused.
+q  distance of two printed times [s]; the times of n rows that are each within q of a line are even
+
+A time column is printed with so many digits, and a clock has its jitter: its steps need not be equal. Where rows
+share a printed time, those at which it changes are counted. A step that is longer than 1.5 of the others is a gap, in
+which samples are missing; a time column that falls, or whose steps differ for no such reason, is refused. A column
+without a unit is in that which makes it a date of 2001 to 2100, else in seconds; one that counts its rows is no time.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
 from service.errors import InputError
 from service.files.import_mapping import RATES, ImportMapping
 from service.files.readers import Column, Table
-from service.files.readers.table import rounded_rate, split_unit
+from service.files.readers.table import group_of, rounded_rate, split_unit
 
 AGREEMENT = 1e-3  # relative difference of two statements of one rate: more than a recorder's clock is off
 GAP = 1.5  # steps
@@ -24,12 +30,19 @@ UNEVEN = 0.05  # share of the steps that may be half as long or as long again as
 MOSTLY = 0.9  # share of the steps of a time that do not fall; of an uneven or broken one, which is then refused
 TIME_NAMES = {
     "time", "t", "zeit", "temps", "tiempo", "timestamp", "time stamp", "datetime", "date/time", "date", "elapsed time",
-    "seconds", "sec", "time_s", "t_s", "time_ms", "time axis", "x_time", "rel. time", "relative time", "uhrzeit",
+    "seconds", "sec", "time axis", "x_time", "rel. time", "relative time", "uhrzeit", "ts", "epoch", "unix", "clock",
+    "recorded_at", "zeitstempel", "datum", "datum/zeit", "date time", "date_time", "utc",
 }  # fmt: skip
 TIME_UNITS = {
     "": 1.0, "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6,
-    "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0,
+    "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0,
 }  # fmt: skip
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+TODAY = (978_307_200.0, 4_102_444_800.0)  # 2001 to 2100, after EPOCH [s]
+SIZES = (1.0, 1e-3, 1e-6, 1e-9)  # units of a date as a number [s]
+SLOWEST = 20.0  # rate of a vibration from which times that state no unit may be seconds [Hz]
+DAYS = (25569.0, 719529.0)  # EPOCH as a number of days in spreadsheets, and in MATLAB
+LEAST_ROWS = 3  # that count the rows, 0, 1, 2: as a spreadsheet or a data frame numbers them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,6 +54,9 @@ class TimeAxis:
     rate: float  # [Hz]
     start: float  # [s]
     places: np.ndarray | None = None  # of the values on an even grid, where samples are missing between them (n,)
+    uncertainty: float = 0.0  # relative, of the rate
+    began: datetime | None = None  # where the times are dates as numbers
+    assumed: bool = False  # nothing says that they are in seconds
 
     def laid_out(self, values: np.ndarray) -> np.ndarray:
         """The values on the even grid, NaN where one is missing."""
@@ -66,36 +82,88 @@ class Timing:
 
 
 def is_time(column: Column) -> bool:
-    """Whether a column is the time of the others, by its name and by rising almost everywhere."""
-    name = split_unit(column.name)[0].lower().strip("_ ")
+    """Whether a column is the time of the others, by its type or its name, and by rising almost everywhere."""
     values = np.asarray(column.values, dtype=float)
-    return name in TIME_NAMES and values.size > 1 and bool(np.mean(np.diff(values) >= 0) > MOSTLY)
+    name = split_unit(group_of(column.name)[1])[0].lower().strip("_ ")
+    if not column.is_time and name not in TIME_NAMES | {"time_s", "t_s"}:
+        return False
+    if values.size < 2 or values[-1] == values[0] or counts_rows(column):
+        return False
+    return bool(np.mean(np.diff(values) >= 0) > MOSTLY)
 
 
-def time_axis(where: str, table: Table, file: str, chosen: str | None, used: set[str]) -> TimeAxis | None:
-    """The file's time column; None where it has none.
+def counts_rows(column: Column) -> bool:
+    """Whether a column without a unit of time is the number of each row: 0, 1, 2, … or 1, 2, 3, …"""
+    values = np.asarray(column.values, dtype=float)
+    unit = (column.unit or split_unit(column.name)[1]).lower()
+    if unit not in ("", "-") or column.is_time or values.size < LEAST_ROWS or values[0] not in (0.0, 1.0):
+        return False
+    return bool(np.all(np.diff(values) == 1))
 
-    chosen  its name; empty where no column is a time, None where it is to be found by its name
+
+def time_axes(where: str, table: Table, file: str, chosen: str | None, used: set[str]) -> list[TimeAxis]:
+    """The file's time columns, the innermost group first; none where it has none.
+
+    chosen  name of the one; empty where no column is a time, None where they are found by name and type
     used    columns that are channels, and so no time
     """
     if chosen == "":
-        return None
+        return []
     if chosen is None:
-        column = next((c for c in table.columns if c.name not in used and is_time(c)), None)
+        found = [c for c in table.columns if c.name not in used and is_time(c)]
+        found.sort(key=lambda c: (-len(group_of(c.name)[0]), not c.is_time))
     else:
         column = table.column(chosen)
         if column is None:
             raise InputError(f"{where}: file.time_column = {chosen!r} is not in {file}, which has {_listed(table)}")
-    if column is None:
+        if counts_rows(column):
+            raise InputError(
+                f"{where}: the column {chosen!r} of {file} counts its rows and is no time; give file.sample_rate_hz"
+            )
+        found = [column]
+    groups: dict[tuple[str, int], TimeAxis] = {}
+    for column in found:
+        key = (group_of(column.name)[0], column.values.size)
+        if key not in groups:
+            groups[key] = _axis_of(where, column, file)
+    return list(groups.values())
+
+
+def axis_of(axes: Sequence[TimeAxis], column: Column) -> TimeAxis | None:
+    """The time column of a column: of as many values, in its group or one around it; else the file's only one."""
+    if column.rate is not None or column.times is not None:
         return None
+    fitting = [a for a in axes if a.count == column.values.size]
+    around = [a for a in fitting if f"{column.name}/".startswith(group_of(a.name)[0])]
+    return around[0] if around else fitting[0] if len(fitting) == 1 else None
+
+
+def _axis_of(where: str, column: Column, file: str) -> TimeAxis:
     unit = (column.unit or split_unit(column.name)[1]).lower()
+    place = f"{where}: the time column {column.name!r} of {file}"
+    if unit == "" or (unit in TIME_UNITS and not column.is_time and _of_today(column.values, TIME_UNITS[unit])):
+        return _dated_axis(place, column)
     if unit not in TIME_UNITS:
-        raise InputError(
-            f"{where}: the time column {column.name!r} of {file} is in {unit!r}, must be in s, ms, us or min"
-        )
-    return even_axis(
-        f"{where}: the time column {column.name!r} of {file}", column.name, column.values, TIME_UNITS[unit]
-    )
+        raise InputError(f"{place} is in {unit!r}, must be in s, ms, us or min")
+    return even_axis(place, column.name, column.values, TIME_UNITS[unit])
+
+
+def _of_today(values: np.ndarray, unit: float) -> bool:
+    return bool(TODAY[0] < float(values[0]) * unit < TODAY[1])
+
+
+def _dated_axis(where: str, column: Column) -> TimeAxis:
+    """The even grid of times without a unit, which their size tells where they are dates."""
+    values = np.asarray(column.values)
+    size = next((unit for unit in SIZES if _of_today(values, unit)), None)
+    zero = next((d for d in DAYS if _of_today(values - d, 86400.0)), None)
+    if size is not None:
+        axis = even_axis(where, column.name, values - values[0], size)
+        return replace(axis, began=EPOCH + timedelta(seconds=float(values[0]) * size))
+    if zero is not None and 0 < np.ptp(values) < 1 and values.size > RATES[1] * np.ptp(values):
+        axis = even_axis(where, column.name, values - values[0], 86400.0)
+        return replace(axis, began=EPOCH + timedelta(days=float(values[0]) - zero))
+    return replace(even_axis(where, column.name, values), assumed=True)
 
 
 def _listed(table: Table) -> str:
@@ -104,10 +172,12 @@ def _listed(table: Table) -> str:
 
 def even_axis(where: str, name: str, values: np.ndarray, seconds: float = 1.0) -> TimeAxis:
     """The even grid of a column of times, whose unit has so many seconds; InputError where they are not even."""
-    t = np.asarray(values, dtype=float) * seconds
+    t = np.asarray(values, dtype=float)
     if t.size < 2 or not np.isfinite(t).all():
         missing = int(np.count_nonzero(~np.isfinite(t)))
         raise InputError(f"{where} has {t.size} values, of which {missing} are empty; every row must have its time")
+    printed = _resolution(np.asarray(values)) * seconds
+    t = t * seconds
     steps = np.diff(t)
     if np.any(steps < 0):
         row = int(np.argmax(steps < 0))
@@ -116,19 +186,20 @@ def even_axis(where: str, name: str, values: np.ndarray, seconds: float = 1.0) -
         )
     if t[-1] == t[0]:
         raise InputError(f"{where} is {t[0]:g} s throughout")
-    printed = _resolution(steps)
+    if np.mean(steps == 0) > UNEVEN:  # several rows share a printed time
+        return _coarse(where, name, t, np.flatnonzero(steps > 0) + 1)
+    rate, rest = _line(np.arange(t.size), t)
     step = float(np.median(steps))
-    if printed > GAP * (t[-1] - t[0]) / (t.size - 1):  # several rows share a printed time
-        return _coarse(where, name, t, printed)
     long, short = steps > GAP * step, steps < 0.5 * step
+    if np.ptp(rest) <= 1.1 * printed and np.count_nonzero(long) > 2:  # unequal steps of an even time, as printed
+        return _axis(name, t, rate, printed * rate / t.size)
     if short.mean() + (long & (steps < 2 * step - 0.5 * printed)).mean() > UNEVEN:
         raise InputError(
             f"{where} is not evenly spaced: steps from {steps.min():.3g} to {steps.max():.3g} s, half of them below "
             f"{step:.3g} s; resample the data evenly first"
         )
     if not long.any():
-        rate = (t.size - 1) / (t[-1] - t[0])
-        return TimeAxis(name=name, count=t.size, rate=rounded_rate(rate, printed / (t[-1] - t[0])), start=float(t[0]))
+        return _axis(name, t, (t.size - 1) / (t[-1] - t[0]), max(printed, 1e-3 * step) / (t[-1] - t[0]))
     regular = float(np.mean(steps[~long]))
     places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(steps / regular))))).astype(np.int64)
     if places[-1] + 1 > 2 * t.size:
@@ -136,33 +207,61 @@ def even_axis(where: str, name: str, values: np.ndarray, seconds: float = 1.0) -
             f"{where} has gaps of {np.sum(steps[long]):.4g} s, longer than its {t.size} values at {1 / regular:.6g} "
             f"Hz; import the parts one by one"
         )
-    rate = rounded_rate(places[-1] / (t[-1] - t[0]), (printed + regular) / (t[-1] - t[0]))
-    return TimeAxis(name=name, count=t.size, rate=rate, start=float(t[0]), places=places)
+    axis = _axis(name, t, places[-1] / (t[-1] - t[0]), (printed + regular) / (t[-1] - t[0]))
+    return replace(axis, places=places)
 
 
-def _resolution(steps: np.ndarray) -> float:
-    """The distance of two times as printed [s]: the median step that is not zero, of the last thousand."""
-    late = steps[-1000:]
-    return float(np.median(late[late > 0])) if np.any(late > 0) else 0.0
+def _axis(name: str, t: np.ndarray, rate: float, uncertainty: float, start: float | None = None) -> TimeAxis:
+    return TimeAxis(
+        name=name, count=t.size, rate=rounded_rate(rate, uncertainty), start=float(t[0] if start is None else start),
+        uncertainty=uncertainty,
+    )  # fmt: skip
 
 
-def _coarse(where: str, name: str, t: np.ndarray, printed: float) -> TimeAxis:
-    """The grid of times that are printed too coarsely to tell one row from the next."""
-    even = np.linspace(t[0], t[-1], t.size)
-    if np.max(np.abs(t - even)) > 2 * printed:
-        raise InputError(f"{where} is printed in steps of {printed:.3g} s and does not rise evenly; print more digits")
-    rate = (t.size - 1) / (t[-1] - t[0])
-    return TimeAxis(name=name, count=t.size, rate=rounded_rate(rate, printed / (t[-1] - t[0])), start=float(t[0]))
+def _line(rows: np.ndarray, t: np.ndarray) -> tuple[float, np.ndarray]:
+    """The rate of times at rows, by least squares, and their distances from it [s]."""
+    n, s = rows - rows.mean(), t - t.mean()
+    step = float(n @ s) / float(n @ n)
+    return 1 / step, s - step * n
 
 
-def timing_of(mapping: ImportMapping, key: str, column: Column, table: Table, axis: TimeAxis | None) -> Timing:
+def _resolution(values: np.ndarray) -> float:
+    """The distance of two times as printed, in their unit: the last decimal that they need, or that of the number."""
+    t = values.astype(float)
+    late = t[np.flatnonzero(np.diff(t) > 0) + 1][-1000:]
+    spacing = float(np.spacing(np.abs(values).max())) if values.dtype.kind == "f" else 0.0
+    for decimals in range(13):
+        scaled = late * 10.0**decimals
+        if np.all(np.abs(scaled - np.rint(scaled)) <= 1e-3 + 4 * np.spacing(np.abs(scaled))):
+            return max(10.0**-decimals, spacing)
+    return spacing
+
+
+def _coarse(where: str, name: str, t: np.ndarray, changes: np.ndarray) -> TimeAxis:
+    """The grid of times of which several rows share one, by the rows (m,) at which the printed time changes."""
+    ticks = t[changes]
+    if changes.size < 2:
+        raise InputError(
+            f"{where} is printed in steps of {t[-1] - t[0]:.3g} s, of which none is whole; print more digits, or give "
+            f"the sample rate (--rate, file.sample_rate_hz)"
+        )
+    rate, rest = _line(changes, ticks)
+    tick = float(np.median(np.diff(ticks)))
+    if np.max(np.abs(rest)) > tick:
+        raise InputError(f"{where} is printed in steps of {tick:.3g} s and does not rise evenly; print more digits")
+    scatter = 2 * float(np.max(np.abs(rest))) * rate if changes.size > 2 else 0.0  # rows
+    start = float(ticks.mean() - changes.mean() / rate)
+    return _axis(name, t, rate, max(1.0, scatter) / float(changes[-1] - changes[0]), start)
+
+
+def timing_of(
+    mapping: ImportMapping, key: str, column: Column, table: Table, axes: Sequence[TimeAxis], slow: bool
+) -> Timing:
     """Rate and start of a sampled column; InputError where none is stated, or where two statements contradict."""
     file = table.format
-    own = None
+    own = axis_of(axes, column)
     if column.times is not None:
         own = even_axis(f"{mapping.where}: {key}: the times of {column.name!r}", column.name, column.times)
-    elif axis is not None and axis.count == column.values.size and column.rate is None:
-        own = axis
     stated = [
         (mapping.sample_rate, f"file.sample_rate_hz = {mapping.sample_rate or 0:.9g} Hz"),
         (column.rate, f"the {file} file states {column.rate or 0:.9g} Hz for {column.name!r}"),
@@ -172,23 +271,26 @@ def timing_of(mapping: ImportMapping, key: str, column: Column, table: Table, ax
     known = [(rate, text) for rate, text in stated if rate is not None]
     if not known:
         raise InputError(
-            f"{mapping.where}: {key}: no sample rate is known: the file has no time column that fits {column.name!r} "
-            f"and states none; give file.sample_rate_hz, or file.time_column"
+            f"{mapping.where}: {key}: no sample rate is known: none of {_listed(table)} is recognised as the time "
+            f"or the rate of {column.name!r}; give file.sample_rate_hz, or file.time_column"
         )
     rate, first = known[0]
+    doubt = own.uncertainty if own else 0.0
     for other, text in known[1:]:
-        if abs(other / rate - 1) > AGREEMENT:
+        if abs(other / rate - 1) > max(AGREEMENT, doubt):
             raise InputError(f"{mapping.where}: {key}: {first}, but {text}; {_cause(rate, other, mapping)}")
-    if not RATES[0] <= rate <= RATES[1] and not _is_slow(rate):
-        raise InputError(f"{mapping.where}: {key}: {first}, which is outside [{RATES[0]:g}, {RATES[1]:g}] Hz; {HINT}")
+    if len(known) == 1 and doubt > AGREEMENT and not slow:
+        raise InputError(
+            f"{mapping.where}: {key}: {first} ± {100 * doubt:.2g} %, and {100 * AGREEMENT:g} % is needed; give the "
+            f"sample rate (--rate, file.sample_rate_hz), or times of more digits"
+        )
+    least = SLOWEST if len(known) == 1 and own is not None and own.assumed else RATES[0]
+    if not (rate > 0 if slow else rate >= least) or rate > RATES[1]:
+        raise InputError(f"{mapping.where}: {key}: {first}, which is outside [{least:g}, {RATES[1]:g}] Hz; {HINT}")
     return Timing(rate=rate, start=own.start if own else column.start, axis=own)
 
 
 HINT = "is the time in ms or µs? Its unit goes into the header, such as 'Time (ms)'"
-
-
-def _is_slow(rate: float) -> bool:
-    return 0 < rate < RATES[0]
 
 
 def _cause(rate: float, other: float, mapping: ImportMapping) -> str:

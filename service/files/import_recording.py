@@ -15,8 +15,9 @@ forward, stands in `import`. A frame without an edge says that the shaft stood s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -30,15 +31,15 @@ from service.files.gear_age import age_of
 from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
 from service.files.import_check import contradicted_units, likely_mistakes
 from service.files.import_columns import DataFile, Measured, read_columns
+from service.files.import_edges import Counted, counted_edges
 from service.files.import_mapping import ImportMapping, load_import_mapping
 from service.stream.channels import CHANNEL_KINDS, Layout
 from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
 from service.stream.wire.codec import encode, schema_data
 from service.stream.wire.topics import PREFIX, Channel, topic_of
-from twin.encoder_pair.motion import forward_edges, quadrature
-from twin.errors import WindowError
-from twin.features.pulses import pulses_of
+from twin.features.level import USABLE
 from twin.gear_age import NEW, UNKNOWN
+from twin.rig import Rig
 
 FRAME_LENGTH = 0.5  # [s]
 SLOW_INTERVAL = 1.0  # over which a slow channel's column is averaged to one value [s]
@@ -67,7 +68,7 @@ def import_recording(
     age       of the gears when the file begins: `new`, "5000 rev", "1200 h" or `unknown`; None for what the mapping
               states of its own file
     """
-    mapping = load_import_mapping(mapping_path)
+    mapping = load_import_mapping(mapping_path, source)
     data_file = Path(source) if source is not None else mapping.path
     if age is not None:
         speed = mapping.rig.get("operating", {}).get("pinion_speed_hz")
@@ -92,12 +93,13 @@ def written_recording(
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
     started = mapping.started or data.started or CLOCK_START
-    counted = _counted(data)
+    counted = counted_edges(data)
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
     notes = _notes(data, data_file, counted)
     rig, said = with_age(mapping)
     notes |= {"age": said} if said else {}
     metadata = {"asset": mapping.asset, "description": mapping.description, "started": started.isoformat()}
+    rig = with_sensors(rig, imported, data)
     write_recording(out_path, frames, metadata, notes, to_toml(rig), progress, prefix)
     return {
         "recording": str(out_path),
@@ -133,63 +135,24 @@ def with_age(mapping: ImportMapping) -> tuple[dict[str, Any], str]:
     return {**mapping.rig, "gears": gears}, said
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Counted:
-    """What a quadrature encoder's levels, or a tachometer's pulses, came to."""
+def with_sensors(rig: dict[str, Any], channels: Iterable[ChannelMapping], data: DataFile) -> dict[str, Any]:
+    """The rig file to attach, with what the data file says of its sensors.
 
-    times: np.ndarray  # of the edges passed forward (m,) [s]; NaN of one that was missed and not interpolated
-    length: float  # of the record [s]
-    figures: dict[str, float]
-    first_index: int = 0  # number of the first edge within its turn, where a gap of the wheel marks the turn
-
-
-def _counted(data: DataFile) -> dict[str, _Counted]:
-    """The edges of quadrature encoders and tachometers by channel label; InputError where one does not turn on."""
-    out = {}
-    for channel in data.mapping.channels:
-        measured = data.channels[channel.label]
-        try:
-            if channel.unit == QUADRATURE:
-                out[channel.label] = _of_levels(measured)
-            elif channel.unit == PULSES:
-                out[channel.label] = _of_pulses(measured, channel)
-        except WindowError as error:
-            raise InputError(f"{data.mapping.where}: {channel.key}: {error}") from None
-    return out
-
-
-def _of_levels(measured: Measured) -> _Counted:
-    found = quadrature(*measured.values)
-    forward = forward_edges(found.counts, measured.rate)
-    figures: dict[str, float] = {
-        "edges": forward.times.size,
-        "sense": forward.sense,
-        "reversals": found.reversals,
-        "counts_taken_back": forward.reversed_counts,
-        "illegal_transitions": found.illegal,
-        "illegal_counted_as_two": found.filled,
-    }
-    return _Counted(times=forward.times, length=found.counts.size / measured.rate, figures=figures)
-
-
-def _of_pulses(measured: Measured, channel: ChannelMapping) -> _Counted:
-    assert channel.pulses is not None
-    found = pulses_of(measured.values, measured.rate, channel.pulses)
-    figures = {
-        "edges": found.times.size,
-        "missed": found.missed,
-        "interpolated": found.filled,
-        "doubled": found.doubled,
-        "threshold": found.threshold,
-        "hysteresis": found.hysteresis,
-        "speed_hz": found.speed,
-    }
-    length = measured.values.size / measured.rate
-    return _Counted(times=found.times, length=length, figures=figures, first_index=found.first_index)
+    Channels whose values are raw are named, so that nobody reads them in a unit; the band of the level ends where the
+    sample rate ends it, unless the rig file states a band.
+    """
+    sensors = dict(rig.get("sensors", {}))
+    if raw := [channel.label for channel in channels if channel.unit == "unknown"]:
+        sensors["uncalibrated"] = raw
+    low, high = Rig.from_mapping({}).band
+    rates = [data.channels[channel.label].rate for channel in channels if channel.kind == "accel"]
+    if "band_hz" not in sensors and rates and USABLE * min(rates) < high:
+        sensors["band_hz"] = [low, USABLE * min(rates)]
+    return {**rig, "sensors": sensors} if sensors else rig
 
 
 def _all_frames(
-    data: DataFile, imported: list[ChannelMapping], counted: Mapping[str, _Counted], start_ns: int
+    data: DataFile, imported: list[ChannelMapping], counted: Mapping[str, Counted], start_ns: int
 ) -> list[Frame]:
     """The frames of all channels in order of their ends."""
     mapping = data.mapping
@@ -281,7 +244,7 @@ def _edge_frames(
             sequence += 1
 
 
-def _notes(data: DataFile, data_file: Path, counted: Mapping[str, _Counted]) -> dict[str, str]:
+def _notes(data: DataFile, data_file: Path, counted: Mapping[str, Counted]) -> dict[str, str]:
     """What a reader of the recording must know of where it comes from."""
     mapping = data.mapping
     rates = {m.rate for m in data.channels.values() if m.rate > 0}
@@ -289,7 +252,7 @@ def _notes(data: DataFile, data_file: Path, counted: Mapping[str, _Counted]) -> 
     for channel in mapping.channels:
         said = _conversion_note(channel)
         if channel.label in counted:
-            describe = _quadrature_note if channel.unit == QUADRATURE else _pulse_note
+            describe = _pulse_note if channel.unit == PULSES else _count_note
             said = describe(channel, counted[channel.label].figures)
         missing = data.channels[channel.label].missing
         if missing:
@@ -336,14 +299,17 @@ def _pulse_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
     )
 
 
-def _quadrature_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
-    """What was made of a quadrature encoder's levels."""
-    ahead, behind = channel.columns[::-1] if figures["sense"] > 0 else channel.columns
+def _count_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
+    """What was made of an encoder's counts, or of the two levels that were counted."""
     illegal, filled = figures["illegal_transitions"], figures["illegal_counted_as_two"]
+    way = "where the counts rise" if figures["sense"] > 0 else "where the counts fall"
+    how = f"counts of {channel.columns[0]!r}"
+    if channel.unit == QUADRATURE:
+        ahead, behind = channel.columns[::-1] if figures["sense"] > 0 else channel.columns
+        way, how = f"where {ahead} leads {behind}", "fourfold counts of two levels"
     said = (
-        f"fourfold counts of two levels, {channel.edges_per_rev} a turn; {figures['edges']} edges forward, where "
-        f"{ahead} leads {behind}; {figures['reversals']} reversals, {figures['counts_taken_back']} counts taken "
-        f"back; {illegal} illegal transitions"
+        f"{how}, {channel.edges_per_rev} a turn; {figures['edges']} edges forward, {way}; {figures['reversals']} "
+        f"reversals, {figures['counts_taken_back']} counts taken back; {illegal} illegal transitions"
     )
     return f"{said}, in which both levels changed: {filled} counted as two" if illegal else said
 
@@ -424,8 +390,7 @@ def toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(toml_value(v) for v in value)}]"
     return repr(value)

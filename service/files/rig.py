@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ from service.stream.faults import grade_of
 from twin.errors import ParameterError
 from twin.rig import Rig
 from twin.windows import Fault, Window
+
+PERIODS = 4.4  # common periods of the shafts in a window: the baseline needs 4, and the first and last turn are cut
+LONGEST = 120.0  # of a window of a slow machine [s]
 
 
 def load_mapping(path: str | Path) -> dict[str, Any]:
@@ -45,8 +49,16 @@ def expected_channels(rig: Rig) -> tuple[str, ...]:
 
 
 def assembly_for(rig: Rig, base: AssemblySettings) -> AssemblySettings:
-    """How the frames of a machine become windows: its channels too are waited for, its sensors' ranges hold."""
-    return replace(base.waiting_for(expected_channels(rig)), rig=rig)
+    """How the frames of a machine become windows: its channels too are waited for, its sensors' ranges hold.
+
+    A slow machine that is judged by a healthy baseline alone has windows in which its shafts come round often enough.
+    """
+    own = replace(base.waiting_for(expected_channels(rig)), rig=rig)
+    speed = rig.get("operating.pinion_speed_hz")
+    if not speed or rig.has("gears.module") or not rig.has("gears.pinion.teeth", "gears.gear.teeth"):
+        return own
+    common = Fraction(*rig.teeth).denominator  # pinion turns after which the same teeth meet
+    return replace(own, length=min(max(base.length, PERIODS * common / speed), max(LONGEST, base.length)))
 
 
 def window_of_rig(rig: Rig, window: Window) -> Window:

@@ -19,6 +19,7 @@ from typing import Any, NoReturn, TypeVar
 
 from service.errors import InputError
 from service.fleet.scratch import scratch
+from service.runtime.usable_cores import usable_cores
 
 AHEAD = 2  # calls that are handed over for each core, so that none waits for the next
 RETRIES = 4  # how often a call is carried out again whose process ended
@@ -115,7 +116,7 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
         try:
             if address is None:
                 ray.init(
-                    num_cpus=workers or os.cpu_count(), include_dashboard=False, _node_ip_address="127.0.0.1",
+                    num_cpus=workers or usable_cores(), include_dashboard=False, _node_ip_address="127.0.0.1",
                     object_store_memory=STORE_BYTES, _temp_dir=str(folder), **common,
                 )  # fmt: skip
             else:

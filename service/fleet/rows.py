@@ -198,7 +198,7 @@ def volatile_of(text: bytes | None) -> dict[str, Any]:
 
 
 def _waiting(data: Mapping[str, Any]) -> Waiting:
-    return Waiting(windows=data["windows"], since_ns=data["since_ns"], behind=tuple(data["behind"]))
+    return Waiting(**{**data, "behind": tuple(data["behind"])})
 
 
 def _shown(snapshot: Snapshot) -> tuple[Any, ...]:

@@ -27,7 +27,7 @@ from service.fleet.engine_process import EngineProcess
 from service.fleet.layout import FACTS, Layout, create, layout_of
 from service.results.data_folder import only_service_of
 from service.runtime.admission import demand_protected_links
-from service.runtime.worker_processes import usable_cores
+from service.runtime.usable_cores import usable_cores
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+
+from service.steady_clock import later_time_ns
 
 NS = 1e-9  # [s]
 TOTAL = "total"  # the part of a computation that is all of it
@@ -15,7 +16,7 @@ class Journey:
     """Unix times of this host; 0 for a part that has not ended [ns]."""
 
     received_ns: int = 0  # the newest frame of the window's asset came
-    closed_ns: int = field(default_factory=time.time_ns)  # the window had all its frames; else this process began
+    closed_ns: int = field(default_factory=later_time_ns)  # the window had all its frames; else this process began
     kept_ns: int = 0  # it was durable
     started_ns: int = 0  # its asset's twin was asked
     made_ns: int = 0  # the twin had answered
@@ -26,7 +27,7 @@ class Journey:
     @property
     def waited(self) -> float:
         """How long ago the window was complete [s]."""
-        return max(time.time_ns() - self.closed_ns, 0) * NS
+        return max(later_time_ns() - self.closed_ns, 0) * NS
 
     @property
     def delay(self) -> float:

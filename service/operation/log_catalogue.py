@@ -48,9 +48,9 @@ LINES: tuple[Line, ...] = (
     ),
     Line(
         "service.runtime.worker_processes",
-        "a worker process cannot be started now: %s: %s",
-        "Windows wait; it is tried again with the next turn.",
-        "Look for lack of memory or of processes; `ulimit -u`, `TasksMax=`.",
+        "a worker process cannot be started now: %s",
+        "Windows wait; it is tried again after 1 s, then each time after twice as long, up to a minute.",
+        "Look for lack of memory or of processes (`ulimit -u`, `TasksMax=`), and for a damaged installation.",
     ),
     Line(
         "service.runtime.worker_processes",

@@ -1,4 +1,4 @@
-// The REST interface: JSON answers, and problems (RFC 9457) as errors that say what was wrong.
+// The REST interface, by addresses relative to the page: JSON answers, and problems (RFC 9457) as errors that say what was wrong.
 
 export class Problem extends Error {
   constructor(status, detail, body = null) {
@@ -27,7 +27,7 @@ async function answerOf(path, given) {
     throw new Problem(answer.status, `The service gave no readable answer (status ${answer.status}).`);
   }
   if (!answer.ok) throw new Problem(answer.status, body?.detail ?? `The service answered with status ${answer.status}.`, body);
-  const next = answer.headers.get("Link")?.match(/<([^>]+)>; rel="next"/)?.[1] ?? null;
+  const next = answer.headers.get("Link")?.match(/<\/?([^>]+)>; rel="next"/)?.[1] ?? null;
   return { status: answer.status, body, next };
 }
 
@@ -48,7 +48,7 @@ export async function send(method, path, body, { signal } = {}) {
 }
 
 export const pathOf = (asset, ...parts) =>
-  ["/v1/assets", encodeURIComponent(asset), ...parts.map(encodeURIComponent)].join("/");
+  ["v1/assets", encodeURIComponent(asset), ...parts.map(encodeURIComponent)].join("/");
 
 // Asks in turn; the answer, or null where one that was asked for later has come first, so that no old state is drawn.
 export function newestOf(ask) {

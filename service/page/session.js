@@ -8,7 +8,7 @@ import { field, form } from "./forms.js";
 export async function showSession(place, changed) {
   let session;
   try {
-    session = await get("/v1/session");
+    session = await get("v1/session");
   } catch (error) {
     console.warn(error.message);
     return;
@@ -23,7 +23,7 @@ export async function showSession(place, changed) {
   }
   const out = element("button", { type: "button" }, "Sign out");
   out.addEventListener("click", async () => {
-    await send("DELETE", "/v1/session");
+    await send("DELETE", "v1/session");
     place.replaceChildren();
     await changed(false);
   });
@@ -37,7 +37,7 @@ export function signInForm(done, reason = "") {
     fields: [field({ name: "key", label: "API key or token", type: "password", autocomplete: "current-password",
       required: true, maxLength: 8192 })],
     send: async ({ key }) => {
-      await send("POST", "/v1/session", { key: key.trim() });
+      await send("POST", "v1/session", { key: key.trim() });
       await done();
       return "Signed in.";
     },

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import socket
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from service.results.rig_proposals import REJECTED
 from service.results.schema import AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, read_window, sync_folder, write_window
+from service.steady_clock import later_time_ns
 from twin.windows import Window
 
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
@@ -85,7 +85,7 @@ class AssetLife:
         """Keeps a change that waits to be carried out; its id."""
         with self.transaction() as db:
             asset = self._database.present(db, asset)
-            row = {"asset": asset, "received_ns": time.time_ns(), "kind": kind, "given": dump(given)}
+            row = {"asset": asset, "received_ns": later_time_ns(), "kind": kind, "given": dump(given)}
             return self._database.add(db, CHANGES, row)
 
     def change_done(self, number: int, effect: Mapping[str, Any]) -> bool:

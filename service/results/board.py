@@ -43,10 +43,13 @@ class Waiting:
     windows: int
     since_ns: int  # when the oldest of them was complete, Unix time of this machine [ns]
     behind: tuple[str, ...] = ()  # assets that are assessed before; empty where it is this asset's turn
+    reason: str | None = None  # why none of any asset can be assessed at present
 
     def as_backlog(self) -> Backlog:
         """As the contract has it."""
-        return Backlog(windows=self.windows, since=iso_time(self.since_ns), behind=list(self.behind))
+        return Backlog(
+            windows=self.windows, since=iso_time(self.since_ns), behind=list(self.behind), reason=self.reason
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

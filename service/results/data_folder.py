@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pydantic import SecretStr
@@ -27,7 +27,7 @@ def database_of(data: Path, database: SecretStr | None) -> Path | str:
 def only_service_of(data: Path) -> Iterator[None]:
     """Holds the data directory; InputError where another service has it.
 
-    The folder itself is locked as well as a file in it: a file can be deleted while it is held.
+    The folder itself is locked as well as a file in it: a file can be deleted while it is held. NFS locks files alone.
     """
     with ExitStack() as held:
         try:
@@ -37,9 +37,21 @@ def only_service_of(data: Path) -> Iterator[None]:
             file = held.enter_context((data / "service.lock").open("w"))
         except OSError as error:
             raise InputError(f"{data}: cannot be the data directory: {error.strerror}") from None
+        with suppress(OSError):  # the file's lock holds alone where folders have none
+            _lock(folder, data)
         try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{data}: another service has this data directory; give another") from None
+            _lock(file.fileno(), data)
+        except OSError as error:
+            raise InputError(
+                f"{data}: its file system cannot lock the file service.lock ({error.strerror}), so nothing keeps "
+                "a second service out; give a directory on a disk of this computer, or on NFS with its lock service"
+            ) from None
         yield
+
+
+def _lock(descriptor: int, data: Path) -> None:
+    """Locks a file or folder until it is closed; OSError where its file system cannot."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(f"{data}: another service has this data directory; give another") from None

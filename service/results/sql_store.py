@@ -7,7 +7,6 @@ window that is committed already is not committed again, so nothing is counted t
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -31,6 +30,7 @@ from service.results.retention import END_OF_EPOCH, NOTABLE, STAYS
 from service.results.schema import ASSETS, DECISIONS, EVENTS, EXTREMES, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
 from service.results.sparse_reading import epochs_of, spread_numbers
 from service.results.store import Event, FaultTotals, StoredAsset, StoredDecision, StoredInspection, StoredWindow
+from service.steady_clock import later_time_ns
 
 VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
 JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
@@ -225,7 +225,7 @@ class SqlStore:
         """Keeps one measured depth, which waits to become part of the estimate; its id."""
         with self._transaction() as db:
             asset = self.database.present(db, asset)
-            row = {"asset": asset, "received_ns": time.time_ns(), "done": 0}
+            row = {"asset": asset, "received_ns": later_time_ns(), "done": 0}
             row |= {"inspection": dump(inspection), "answer": dump(answer)}
             return self.database.add(db, INSPECTIONS, row)
 
@@ -256,7 +256,7 @@ class SqlStore:
         """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
         with self._transaction() as db:
             asset = self.database.present(db, asset)
-            row = {"asset": asset, "received_ns": time.time_ns(), "name": name, "verb": verb}
+            row = {"asset": asset, "received_ns": later_time_ns(), "name": name, "verb": verb}
             row |= {"signed_by": by, "note": note}
             return self.database.add(db, DECISIONS, row)
 

@@ -8,7 +8,8 @@ from service.runtime.computing import Computing
 from service.runtime.computing_threads import Threads
 from service.runtime.curves import CurvePlace, Curves
 from service.runtime.twin_port import Twin
-from service.runtime.worker_processes import Processes, usable_cores
+from service.runtime.usable_cores import usable_cores
+from service.runtime.worker_processes import Processes
 from service.settings import Settings
 
 ComputingOf = Callable[[Settings, Twin, Callable[[], None]], Computing]

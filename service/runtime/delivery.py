@@ -105,6 +105,7 @@ class Delivery:
         self._sending = True  # whether frames follow after an answer
         self.invalid = 0  # frames that no service can read
         self.settled = 0
+        self.unassessed: str | None = None  # why what is stored cannot be assessed at present, by the newest answer
 
     # -- sending -------------------------------------------------------------------------------------
 
@@ -202,6 +203,7 @@ class Delivery:
             anew = self._note_services(stream, positions)
             restarted |= anew
             self._reason = next((p.reason for p in positions if not p.accepting), self._reason)
+            self.unassessed = next((p.unassessed for p in positions if p.unassessed), None)
             here = [not p.behind and p.accepting and self._has_come(stream, p) for p in positions]
             self._received += sum(p.backlog for p in positions)
             self._received += sum(each.start_time_ns for p in positions for each in p.channels.values())

@@ -11,7 +11,6 @@ window only once that window has been committed.
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -27,6 +26,7 @@ from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.twin_port import Twin
 from service.runtime.window_outcomes import outcome_of
+from service.steady_clock import later_time_ns
 from service.stream.repeats import Repeats
 from twin.errors import TwinError
 from twin.rig import Rig
@@ -281,13 +281,13 @@ class Lanes:
     # -- windows -------------------------------------------------------------------------------------
 
     def _start_window(self, lane: Lane, entry: Entry) -> None:
-        lane.current, entry.journey.started_ns = entry, time.time_ns()
+        lane.current, entry.journey.started_ns = entry, later_time_ns()
         given = WindowToUse(start_ns=entry.start_ns, window=entry.window, file=entry.file, refuse=entry.refuse)
         self._ask(lane, Ask("window", given), partial(self._end_window, lane, entry))
 
     def _end_window(self, lane: Lane, entry: Entry, made: Made) -> None:
         """One window to the sink, or to where it waits for an answer by people."""
-        entry.journey.made_ns, entry.journey.parts = time.time_ns(), made.parts
+        entry.journey.made_ns, entry.journey.parts = later_time_ns(), made.parts
         if made.unreadable is not None:
             self._stop(lane, _unreadable(lane, made.unreadable))
             return
@@ -313,7 +313,7 @@ class Lanes:
         lane.remove(entry)
         if not committed:
             return
-        entry.journey.stored_ns = time.time_ns()
+        entry.journey.stored_ns = later_time_ns()
         lane.state, lane.report, lane.question = outcome.state, outcome.report, outcome.question
         lane.index += 1
         lane.shed += any((fault.kind, fault.channel) == LEFT_OUT for fault in outcome.window.faults)
@@ -321,7 +321,7 @@ class Lanes:
         if ends:
             lane.release(refuse=ONE_DISTURBED)
         self._sink.publish(outcome)
-        entry.journey.published_ns = time.time_ns()
+        entry.journey.published_ns = later_time_ns()
         self._arrived(lane.asset, outcome.index, outcome.record["quality"], entry.journey)
 
     # -- questions -----------------------------------------------------------------------------------

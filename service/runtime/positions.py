@@ -64,6 +64,7 @@ class ClosedWindows(NamedTuple):
     unstored_from_ns: int | None = None  # start of the earliest that is not stored yet
     waiting: int = 0  # to be processed
     shed: int = 0  # left out because too many waited
+    unassessed: str | None = None  # why none can be processed
 
 
 class Positions:
@@ -195,9 +196,10 @@ class Positions:
         _, known = self._published.get(stream, (0.0, None))
         known = known or PositionModel(asset=stream, instance=self._instance, accepting=True)
         refusal = self._source.refusal(stream)
+        closed = self._pending(stream)
         now = {
             "accepting": refusal is None, "reason": refusal, "instance": self._instance_of(stream),
-            "backlog": self._pending(stream).waiting,
+            "backlog": closed.waiting, "unassessed": closed.unassessed,
         }  # fmt: skip
         return known.model_copy(update=now)
 
@@ -230,6 +232,7 @@ class Positions:
             ahead_frames=self._inbox.ahead[0],
             ahead_bytes=self._inbox.ahead[1],
             backlog=closed.waiting,
+            unassessed=closed.unassessed,
             shed=found.shed + closed.shed,
         )
 

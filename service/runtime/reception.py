@@ -11,7 +11,6 @@ comes. No threads, and no clock but the one that is given.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +19,7 @@ from service.errors import FrameError
 from service.files.rig import assembly_for, expected_channels
 from service.runtime.outcomes import ClosedWindow, Freshness
 from service.settings import Settings
+from service.steady_clock import later_time_ns
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
 from service.stream.frames import Frame
 from service.stream.left_out import ANOTHERS, Missing
@@ -167,7 +167,7 @@ class Reception:
 
     def ended_ns(self, asset: str) -> int:
         """End of the newest window on the stream's own clock, else the host's time; Unix time [ns]."""
-        return self._of(asset).assembler.closed_until_ns or (self._host_clock or time.time_ns)()
+        return self._of(asset).assembler.closed_until_ns or (self._host_clock or later_time_ns)()
 
     # -- changes -------------------------------------------------------------------------------------
 

@@ -104,6 +104,8 @@ def replay(
         progress(1.0, delivery.settled)
         if recording.fault_line:
             on_fault(recording.fault_line)
+        if delivery.unassessed:
+            on_fault(f"the frames are stored and cannot be assessed now: {delivery.unassessed}")
         if left_out := delivery.left_out():
             causes = ", ".join(f"{number} {cause}" for cause, number in left_out.items())
             on_fault(f"the service has left out {sum(left_out.values())} frames: {causes}")

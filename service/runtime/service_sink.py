@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -18,6 +17,7 @@ from service.runtime.outcomes import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
+from service.steady_clock import later_time_ns
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ class ServiceSink:
         board: Board,
         publication: StatePublication,
         life: AssetLife,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = later_time_ns,
         signals: SignalWriter | None = None,
         alarms: AlarmKeeper | None = None,
     ) -> None:

@@ -13,7 +13,6 @@ within a bound of their own; one that is left out there keeps its place, without
 from __future__ import annotations
 
 import logging
-import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ from service.runtime.outcomes import ClosedWindow
 from service.runtime.reception import Reception
 from service.runtime.signal_writer import bytes_of
 from service.runtime.storage_watch import StorageWatch
+from service.steady_clock import later_time_ns
 from twin.windows import Fault, Window
 
 log = logging.getLogger(__name__)
@@ -129,7 +129,7 @@ class Spool:
             entry = Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
         else:
             (entry,) = entries_of(self._life, [kept])
-        closed.journey.kept_ns, entry.journey = time.time_ns(), closed.journey
+        closed.journey.kept_ns, entry.journey = later_time_ns(), closed.journey
         self._lanes.put(asset, entry, closed.assembly)
 
     # -- bounds --------------------------------------------------------------------------------------

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 from service.contract.base import iso_time
 from service.results.board import Board
 from service.runtime.state_publication import StatePublication
 from service.runtime.storage_watch import StorageWatch
+from service.steady_clock import later_time_ns
 
 
 class StorageStatus:
@@ -23,7 +22,7 @@ class StorageStatus:
         if (reason is not None) is self._shown:
             return
         self._shown = reason is not None
-        unstored = None if reason is None else (reason, iso_time(time.time_ns()))
+        unstored = None if reason is None else (reason, iso_time(later_time_ns()))
         for asset in self._board.assets():
             self._board.update(asset, unstored=unstored)
             self._publication.publish(asset)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -16,6 +15,7 @@ from service.results.store import ResultStore
 from service.runtime import questions
 from service.runtime.outcomes import HeldWindow
 from service.runtime.state_publication import StatePublication
+from service.steady_clock import later_time_ns
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ class WaitingWindows:
         life: AssetLife,
         board: Board,
         publication: StatePublication,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = later_time_ns,
     ) -> None:
         self._store, self._life, self._board, self._publication = store, life, board, publication
         self._clock = clock

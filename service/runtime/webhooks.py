@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.alarm_store import AlarmStore
+from service.steady_clock import later_time_ns
 
 if TYPE_CHECKING:  # loaded with the first message
     import httpx
@@ -42,7 +43,7 @@ class WebhookSender(threading.Thread):
         store: AlarmStore,
         waiting: threading.Event,
         *,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = later_time_ns,
         first_pause: float = FIRST_PAUSE,
     ) -> None:
         """waiting  set by whoever puts a message into the outbox"""

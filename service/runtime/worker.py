@@ -53,6 +53,7 @@ from service.runtime.twin_port import Twin, guarded
 from service.runtime.waiting_windows import WaitingWindows
 from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
 from service.settings import Settings
+from service.steady_clock import later_time_ns
 from service.stream.frames import Frame
 from service.stream.inbox import Inbox
 from service.stream.repeats import Repeats
@@ -286,7 +287,7 @@ class Worker(threading.Thread):
             close,
             noticed=self._noticed,
             assembly=replace(assembly_settings(self._settings), clocked=True),
-            host_clock=time.time_ns,
+            host_clock=later_time_ns,
             used=self._keep_raw,
         )
         lanes = self._lanes = Lanes(
@@ -315,7 +316,7 @@ class Worker(threading.Thread):
             self._inbox,
             transport,
             streams,
-            pending=lambda stream: _closed_windows(spool, lanes, streams.asset_of(stream)),
+            pending=lambda stream: _closed_windows(spool, lanes, streams.asset_of(stream), computing.unusable()),
             unknown=kept.unknown,
         )
         streams.moved = positions.moved
@@ -382,7 +383,7 @@ class Worker(threading.Thread):
         storage_status()
         while lanes.stopped:
             asset, reason = lanes.stopped.pop()
-            self._kept.board.update(asset, damaged=Stale(since_ns=time.time_ns(), reason=reason))
+            self._kept.board.update(asset, damaged=Stale(since_ns=later_time_ns(), reason=reason))
             publication.publish(asset)
 
     def _keep_raw(self, frame: Frame) -> None:
@@ -415,12 +416,13 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def _closed_windows(spool: Spool, lanes: Lanes, asset: str) -> ClosedWindows:
+def _closed_windows(spool: Spool, lanes: Lanes, asset: str, unassessed: str | None) -> ClosedWindows:
     lane = lanes.find(asset)
     return ClosedWindows(
         unstored_from_ns=spool.unstored_from_ns(asset),
         waiting=lanes.unprocessed(asset),
         shed=0 if lane is None else lane.shed,
+        unassessed=unassessed,
     )
 
 

@@ -12,28 +12,23 @@ thread of its own, since that server may not answer: it is replaced after a time
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
 import queue
-import signal
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import forkserver
-from multiprocessing.context import BaseContext
 from pathlib import Path
 
 from service.errors import FAULT
 from service.runtime import worker_task
 from service.runtime.computing import Call, Made, WindowToUse
 from service.runtime.curves import CurvePlace, Curves
+from service.runtime.worker_server import kill_server, server_context, start_server
 from service.runtime.worker_task import Reply, Tasks
 from twin.windows import Window
 
@@ -48,8 +43,7 @@ SLOW_START = 10.0  # after which the service says that it waits for one [s]
 LOOK_EVERY = 0.25  # whether the processes still live: each look reads a file of the system [s]
 UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
-QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
-NUMBERS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+MOST_PAUSE = 60.0  # between two starts of workers where none succeeds: 1 s at first, then twice as long each time [s]
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -107,10 +101,12 @@ class Processes:
         self._looked = 0.0  # when it was last looked whether the processes live [s]
         self._ended: queue.SimpleQueue[tuple[_Worker, _Job, Future[Reply]]] = queue.SimpleQueue()
         self._tasks, self._keep = Tasks(curves), keep
-        self._context = _context()
+        self._context = server_context()
         self._closed = False
         self.deaths = 0
         self._in_a_row = 0  # deaths since a call was answered
+        self._lived = False  # whether any worker's process has been started
+        self._unstarted, self._failures, self._start_at = "", 0, 0.0  # why, how often in a row, the next attempt [s]
 
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
         """Has a call carried out; `done` is called by `collect`."""
@@ -132,21 +128,31 @@ class Processes:
         self._move()
         for worker in self._workers:
             self._next(worker)
+        if not any(worker.executor or worker.starting is not None for worker in self._workers):
+            self._start(self._workers[0])  # also where nothing is asked yet: a service without a worker is not ready
 
     def close(self) -> None:
         """Ends all workers at once: what they compute is computed again by the next start."""
         self._closed = True
         if any(worker.starting is not None for worker in self._workers):
-            _kill_server()  # which may be stopped, and would be left behind
+            kill_server()  # which may be stopped, and would be left behind
         for worker in self._workers:
             self._discard(worker)
 
     def unusable(self) -> str | None:
-        """Why nothing can be computed: workers that end with whatever they are asked."""
-        starting = [w.starting for w in self._workers if w.starting is not None and w.jobs]
-        waited = max((time.monotonic() - since for since in starting), default=0.0)
-        if waited > SLOW_START and not any(w.job is not None for w in self._workers):
-            return f"no worker process could be started for {waited:.0f} s: the process that makes them does not answer"
+        """Why nothing can be computed: no worker lives, or they end with whatever they are asked."""
+        if not any(worker.executor for worker in self._workers):
+            starting = [w.starting for w in self._workers if w.starting is not None]
+            slow = any(time.monotonic() - since > SLOW_START for since in starting)
+            if self._unstarted:
+                return f"no worker process can be started: {self._unstarted}"
+            if slow:
+                return (
+                    f"no worker process could be started for {SLOW_START:g} s: "
+                    "the process that makes them does not answer"
+                )
+            if not self._lived:
+                return "the first worker process is being started"
         if self._in_a_row < MOST_DEATHS:
             return None
         return f"the last {self._in_a_row} calls to the twin ended their worker processes; is there enough memory?"
@@ -266,7 +272,7 @@ class Processes:
 
     def _start(self, worker: _Worker) -> None:
         """Starts a worker's process in a thread, unless one does so already."""
-        if worker.starting is None:
+        if worker.starting is None and not self._closed and time.monotonic() >= self._start_at:
             worker.starting = worker.given_up = time.monotonic()
             threading.Thread(target=self._make, args=(worker,), name="worker start", daemon=True).start()
 
@@ -274,6 +280,8 @@ class Processes:
         """Makes a process. Twice: the server that makes them may have died, too."""
         made: ProcessPoolExecutor | Exception = RuntimeError()
         for _ in range(STARTS):
+            if self._closed:
+                return
             executor = ProcessPoolExecutor(
                 max_workers=1,
                 mp_context=self._context,
@@ -281,6 +289,7 @@ class Processes:
                 initargs=(logging.getLogger().getEffectiveLevel(), self._cache_bytes),
             )
             try:
+                start_server()
                 executor.submit(os.getpid).result()  # once it has loaded the twin
             except (RuntimeError, OSError, EOFError) as error:  # no thread, process, memory or server
                 made = error
@@ -300,10 +309,13 @@ class Processes:
                 return
             worker.starting = None
             if isinstance(made, ProcessPoolExecutor):
-                worker.executor, self._patience = made, self._start_limit
+                worker.executor, self._patience, self._lived = made, self._start_limit, True
+                self._unstarted, self._failures, self._start_at = "", 0, 0.0
                 continue
-            self._in_a_row += 1
-            log.error("a worker process cannot be started now: %s: %s", type(made).__name__, made)
+            self._unstarted = _why_unstarted(made)
+            self._start_at = time.monotonic() + min(2.0**self._failures, MOST_PAUSE)
+            self._failures += 1
+            log.error("a worker process cannot be started now: %s", self._unstarted)
 
     def _look_after_server(self) -> None:
         """Replaces the server that makes processes where it starts none, or does not say that one has died."""
@@ -331,7 +343,7 @@ class Processes:
         for worker in self._workers:
             if worker.job is not None:
                 worker.job.tries -= 1
-        _kill_server()
+        kill_server()
 
     def _discard(self, worker: _Worker) -> None:
         """Ends a worker's process, without waiting; the next call starts another."""
@@ -346,11 +358,6 @@ def take_records(reply: Reply, asset: str) -> None:
     for record in reply.records:
         record.asset = asset
         logging.getLogger(record.name).handle(record)
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _refused(call: Call, reason: str) -> Made:
@@ -380,23 +387,8 @@ def _is_dead(executor: ProcessPoolExecutor) -> bool:
     return bool(states) and set(states) == {"Z"}
 
 
-def _kill_server() -> None:
-    """Kills the server that makes processes, also where it has been stopped."""
-    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
-    if server is not None:
-        with suppress(ProcessLookupError):
-            os.kill(server, signal.SIGKILL)
-
-
-def _context() -> BaseContext:
-    """How processes are started: a server that has loaded the twin forks them, with one thread for numbers each.
-
-    A service that ends at once leaves locks to Python's tracker of resources, which removes them and need not say so.
-    """
-    if QUIET_TRACKER not in sys.warnoptions:
-        sys.warnoptions.append(QUIET_TRACKER)
-    for name, value in NUMBERS.items():
-        os.environ.setdefault(name, value)
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["service.runtime.worker_loading"])
-    return context
+def _why_unstarted(error: Exception) -> str:
+    """Why a worker's process could not be started."""
+    if isinstance(error, BrokenProcessPool):
+        return "it ended while it loaded the twin, and what it printed is on the standard error of the service"
+    return f"{type(error).__name__}: {error}"

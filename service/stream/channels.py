@@ -98,7 +98,7 @@ CHANNEL_KINDS = {
         ChannelKind(
             segment="encoder", layout=Layout.EDGES, quantity="shaft angle", unit="edges", named_by="shaft",
             names=SHAFTS, rate=(0.0, 1e7), window_field="encoders", usable_alone=True,
-            import_units={"s": AS_IT_IS, "quadrature": AS_IT_IS, "pulses": AS_IT_IS},
+            import_units={"s": AS_IT_IS, "quadrature": AS_IT_IS, "counts": AS_IT_IS, "pulses": AS_IT_IS},
         ),
         ChannelKind(
             segment="temperature", layout=Layout.SLOW, quantity="temperature", unit="°C", named_by="place",

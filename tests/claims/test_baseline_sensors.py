@@ -198,3 +198,23 @@ def test_sensor_is_not_called_late_where_the_others_have_changed():
     other = replace(a, values=np.fft.irfft(scrambled, a.values.size))
     late = replace(window, accelerations={**window.accelerations, "a": other})
     assert [t.channel for t in timing_changes(healthy(), parts(late).whole)] == []
+
+
+@pytest.mark.parametrize("factor", [0.001, 0.002, 0.0102])
+def test_all_sensors_that_fall_by_one_factor_have_a_wrong_unit_and_are_not_dead(factor):
+    window = machine(0.42, 99)
+    less = {name: replace(x, values=factor * x.values) for name, x in window.accelerations.items()}
+    diagnosis = diagnose(healthy(), [parts(replace(window, accelerations=less))])
+    (named,) = [e for e in diagnosis.effects if e.name.startswith("sensor_")]
+    assert named.name == "sensor_unit" and set(named.channels) == set(window.accelerations)
+    assert "unit, sensitivity or scale" in named.detail
+
+
+def test_sensors_that_fall_by_different_factors_are_dead_each():
+    window = machine(0.42, 99)
+    less = {
+        name: replace(x, values=factor * x.values)
+        for factor, (name, x) in zip((0.01, 0.0001), window.accelerations.items(), strict=True)
+    }
+    names = [e.name for e in diagnose(healthy(), [parts(replace(window, accelerations=less))]).effects]
+    assert "sensor_unit" not in names and names.count("sensor_dead") == 2

@@ -168,7 +168,7 @@ WRONG = [
         r"channels.top.column = 'a9' is not in data.csv, which has a1, a2, p",
     ),
     (('unit = "g"', 'unit = "mm"'), r"channels.top.unit = 'mm' must be one of m/s2, g, V, Pa, unknown"),
-    (('unit = "g"', 'unit = "V"'), r"channels.top.sensitivity = None must be a number \[V per m/s²\]"),
+    (('unit = "g"', 'unit = "V"'), r"channels.top.sensitivity = \(missing\) must be a number \[V per m/s²\]"),
     (('unit = "g"', 'unit = "g"\nsensitivity = 2'), "sensitivity = 2 goes with unit 'V' only"),
     (("sample_rate_hz = 12800", "sample_rate_hz = 0"), "file.sample_rate_hz = 0 Hz is outside"),
     (("sample_rate_hz = 12800", "sample_rate_hz = -12.8"), "file.sample_rate_hz = -12.8 Hz is outside"),

@@ -78,21 +78,25 @@ def test_board_shows_what_waits_and_that_it_no_longer_does():
     board.update("pump-3", quality={})
     waiting = lane()
     lanes = SimpleNamespace(all=lambda: [waiting, lane("unknown")])
-    computing = SimpleNamespace(at_work=lambda: ("pump-3",))
+    unusable = [None]
+    computing = SimpleNamespace(at_work=lambda: ("pump-3",), unusable=lambda: unusable[0])
     watch = BacklogWatch(
         lanes, computing, board, SimpleNamespace(publish=published.append), clock=lambda: now[0]
     )  # fmt: skip
     watch()
     assert board.get("fan").whole["data"]["waiting"]["behind"] == ["pump-3"] and published == ["fan"]
     assert board.get("fan").summary()["reason"].startswith("6 windows wait") and board.get("unknown") is None
-    now[0] = 0.5
+    now[0], unusable[0] = 1.0, "no worker process can be started: no memory"
+    watch()
+    assert board.get("fan").summary()["reason"].endswith("UTC: no worker process can be started: no memory")
+    now[0], unusable[0] = 1.5, None
     waiting.entries.clear()
     watch()
     assert board.get("fan").waiting is not None  # not looked at yet
-    now[0] = 2.0
+    now[0] = 2.5
     watch()
     assert board.get("fan").waiting is None and board.get("fan").whole["data"]["level"] == "waiting"
-    assert "no whole measurement window" in board.get("fan").whole["data"]["reason"] and published == ["fan", "fan"]
+    assert "no whole measurement window" in board.get("fan").whole["data"]["reason"] and published == ["fan"] * 3
 
 
 def test_threads_say_which_assets_they_are_at_work_on():

@@ -26,7 +26,7 @@ from service.runtime.computing import Ask, Call, WindowToUse
 from service.runtime.packed_state import NEW, PackedState, StoredState
 from service.runtime.replay import replay
 from service.runtime.twin_port import gear_twin
-from service.runtime.worker_processes import Processes, usable_cores
+from service.runtime.worker_processes import Processes
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.windows import Edges, Samples, Window
@@ -417,7 +417,3 @@ def test_a_window_that_ends_its_worker_is_refused_and_the_others_are_not(tmp_pat
         wait_until(lambda: len(list((running.folder / SIGNALS / "unsw").iterdir())) == 2)  # to be looked into
     finally:
         running.end(signal.SIGKILL)
-
-
-def test_as_many_workers_as_usable_cores_but_one():
-    assert usable_cores() == len(os.sched_getaffinity(0))

@@ -98,6 +98,33 @@ def test_variables_of_commands_and_tests_are_no_mistakes(monkeypatch):
     assert load() == Settings()
 
 
+@pytest.mark.parametrize("service", ["", "_ROUTER", "_HTTP", "_HEAD_SVC"])
+@pytest.mark.parametrize("address", ["10.96.0.17", "fd00:10:96::a1"])
+def test_what_kubernetes_says_of_its_services_is_no_setting_and_no_mistake(monkeypatch, service, address):
+    link = f"tcp://{f'[{address}]' if ':' in address else address}:7447"
+    given = {
+        "SERVICE_HOST": address, "SERVICE_PORT": "7447", "SERVICE_PORT_ZENOH": "7447", "PORT": link,
+        "PORT_7447_TCP": link, "PORT_7447_TCP_PROTO": "tcp", "PORT_7447_TCP_PORT": "7447",
+        "PORT_7447_TCP_ADDR": address, "PORT_53_UDP": link.replace("tcp", "udp"),
+    }  # fmt: skip
+    for name, value in given.items():
+        monkeypatch.setenv(f"GEAR_TWIN{service}_{name}", value)
+    assert load() == Settings()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("PORT", "8080"), ("ROUTER_PORT", "7447"), ("SERVICE_HOST", "localhost"), ("SERVICE_PORT", "http"),
+        ("PORT_80_TCP_ADDR", "plant"), ("PORT_80_TCP_PROTO", "http"), ("PROT", "tcp://10.0.0.1:80"),
+    ],
+)  # fmt: skip
+def test_what_has_only_the_name_or_only_the_value_of_a_service_is_told(monkeypatch, name, value):
+    monkeypatch.setenv(f"GEAR_TWIN_{name}", value)
+    (line,) = mistakes()
+    assert line.startswith(f"environment: GEAR_TWIN_{name} is no setting")
+
+
 def test_empty_variables_set_nothing(monkeypatch):
     for name in ("DATABASE", "LISTEN", "IDLE_TIMEOUT", "CONFIG"):
         monkeypatch.setenv(f"GEAR_TWIN_{name}", "")

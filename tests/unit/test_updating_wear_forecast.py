@@ -17,7 +17,7 @@ RATE = 3.0
 COUNTS = 1000.0 * np.arange(1, 13)
 ONLY_STEADY = replace(
     HISTORIES, wanders=(0.0, 1e-9), steady=1 - 1e-9, irregular=(0.0,), running_in_prior=1e-12, trend_prior=1e-12,
-    step_prior=1e-12, shift_prior=1e-12, scatters=(1.0,),
+    power_prior=1e-12, step_prior=1e-12, shift_prior=1e-12, scatters=(1.0,),
 )  # fmt: skip
 
 
@@ -105,6 +105,44 @@ def test_running_in_is_extrapolated_at_the_late_rate():
     found = forecast_of(points_of(noisy(works, std=0.001), own=0.003), COUNTS[-1])
     assert found.rate == pytest.approx(RATE, rel=0.05)
     assert life(found, works[-1] + RATE * 10_000)[0] == pytest.approx(10_000, rel=0.07)
+
+
+@pytest.mark.parametrize(
+    ("p", "count", "ahead"), [(0.6, 12, 1.5), (0.75, 12, 3.0), (1.3, 6, 3.0), (1.6, 8, 2.0), (1.6, 12, 3.0)]
+)
+def test_band_of_a_life_holds_the_true_one_where_wear_is_a_power_of_the_revolutions(p, count, ahead):
+    """Wear as N^p: a wear rate that goes up was a running-in that was over, and the life 15 % too long."""
+    now, inside, middles = 12_000.0, 0, []
+    counts = now * np.arange(1, count + 1) / count
+    true = now * (ahead ** (1 / p) - 1)
+    for seed in range(12):
+        works = RATE * now * (counts / now) ** p
+        found = forecast_of(points_of(noisy(works, seed, 0.006), own=0.01, counts=counts), now)
+        lives = found.lives(ahead * works[-1])
+        at = np.log(true / lives.median) / np.sqrt(np.log1p(np.maximum(lives.relative, 1e-9) ** 2))
+        below = float(lives.weights @ [NormalDist().cdf(x) for x in at])
+        inside += 0.05 <= below <= 0.95
+        middles.append(life(found, ahead * works[-1])[0] / true)
+    assert inside >= 9
+    assert 0.7 < np.median(middles) < 1.1
+
+
+def test_a_power_ahead_is_that_of_the_wear_itself():
+    """ψ of N^p by the difference of its values: φ(N + L) − φ(N) − φ'(N)·L."""
+    found = forecast_of(points_of(noisy(RATE * COUNTS)), COUNTS[-1])
+    now, p = COUNTS[-1], found.power
+    φ = lambda n: now / p * (n / now) ** p  # noqa: E731
+    for share in (0.1, 0.5, 2.0):
+        L = np.full(p.size, share * now)
+        ψ, slope = found._bent(L, np.full(p.size, np.inf), np.zeros(p.size), p)
+        assert ψ == pytest.approx(φ(now + L) - φ(now) - L, rel=1e-9, abs=1e-6)
+        assert slope == pytest.approx((1 + share) ** (p - 1) - 1, rel=1e-9, abs=1e-9)
+
+
+def test_a_rate_that_rises_to_a_plateau_is_no_running_in():
+    works = RATE * (COUNTS - 0.9 * 3000 * (1 - np.exp(-COUNTS / 3000)))
+    found = forecast_of(points_of(noisy(works, std=0.002), own=0.004), COUNTS[-1])
+    assert found.weights[np.isfinite(found.decay)].sum() < 0.02
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])

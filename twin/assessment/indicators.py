@@ -30,4 +30,5 @@ class SensorIndicators:
     crest_factor: float | None
     gears: Mapping[str, GearIndicators] = field(default_factory=dict)  # by `pinion`, `gear`
     unavailable: Mapping[str, str] = field(default_factory=dict)  # gear → reason
+    calibrated: bool = True  # whether the unit of the samples is known; else the RMS is that of raw values
     doubt: str = ""  # why those of gears may be of another speed

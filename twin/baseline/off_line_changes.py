@@ -78,6 +78,10 @@ class OffLineThresholds:
         -3.0, unit="ln of level", meaning="level against the expected one below which a sensor is dead",
         source="not derived: a twentieth; a gain that low leaves the converter's noise",
     )  # fmt: skip
+    one_factor: float = deciding(
+        0.7, unit="ln of level", meaning="difference of the levels of silent sensors that one factor explains",
+        source="not derived: a factor of two, for a change of load between the recordings; dead sensors differ by more",
+    )  # fmt: skip
 
 
 DEFAULT = OffLineThresholds()

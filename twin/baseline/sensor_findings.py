@@ -23,7 +23,12 @@ from twin.baseline.reading import WindowReading
 from twin.baseline.sensor_timing import TimingChange
 from twin.baseline.usable import SensorFault, fault_of
 
-FAULTS = ("sensor_dead", "sensor_clipping", "sensor_dead_time")  # with these a channel's lines cannot be compared
+FAULTS = (
+    "sensor_unit",
+    "sensor_dead",
+    "sensor_clipping",
+    "sensor_dead_time",
+)  # with these a channel's lines cannot be compared
 
 
 def sensor_faults(
@@ -31,6 +36,7 @@ def sensor_faults(
 ) -> tuple[SensorFault, ...]:
     """Channels of a window that are dead, clipped or interrupted, whether or not healthy recordings were so."""
     out = []
+    silent: list[float] = []
     for channel, lines in reading.channels.items():
         fault = fault_of(channel, lines)
         healthy = [c for r in baseline.readings if (c := r.channels.get(channel)) is not None]
@@ -41,8 +47,15 @@ def sensor_faults(
             detail = f"{channel} gives {np.exp(level):.2g} times the healthy level: the sensor or its cable is dead"
             share = 0.0 if lines.off is None else lines.off.constant
             fault = SensorFault(channel=channel, name="sensor_dead", share=share, detail=detail)
+            silent.append(level)
         if fault is not None:
             out.append(fault)
+    if len(silent) > 1 and len(silent) == len(reading.channels) and np.ptp(silent) < limits.one_factor:
+        detail = (
+            f"all {len(silent)} accelerometers give {np.exp(np.mean(silent)):.2g} times the healthy level: their unit, "
+            f"sensitivity or scale"
+        )
+        return tuple(replace(fault, name="sensor_unit", detail=detail) for fault in out)
     return tuple(out)
 
 
@@ -57,14 +70,15 @@ def faults_named(baseline: Baseline, found: Sequence[Sequence[SensorFault]]) -> 
     """Faults of sensors in most windows, without those that the healthy recordings show as much."""
     out = []
     for name in FAULTS:
-        for channel in dict.fromkeys(f.channel for window in found for f in window if f.name == name):
-            at = {i: f for i, w in enumerate(found) for f in w if f.channel == channel and f.name == name}
+        seen = tuple(dict.fromkeys(f.channel for window in found for f in window if f.name == name))
+        for channels in [seen] if name == "sensor_unit" and seen else [(channel,) for channel in seen]:
+            at = {i: f for i, w in enumerate(found) for f in w if f.channel in channels and f.name == name}
             fault = next(iter(at.values()))
             if majority(list(at), len(found)) and not _is_healthy(baseline, fault):
                 share = {"share": ParameterValue(value=fault.share, unit="", std=0.0)}
                 out.append(
                     Named(
-                        name=name, channels=(channel,), parameters=share, log_evidence=None,
+                        name=name, channels=channels, parameters=share, log_evidence=None,
                         detail=fault.detail, windows=tuple(at),
                     )
                 )  # fmt: skip

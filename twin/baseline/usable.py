@@ -38,7 +38,7 @@ class SensorFault:
     """What makes one channel of a window unusable."""
 
     channel: str
-    name: str  # sensor_dead, sensor_clipping or sensor_dead_time
+    name: str  # sensor_dead, sensor_unit, sensor_clipping or sensor_dead_time
     share: float  # of the samples
     detail: str
 

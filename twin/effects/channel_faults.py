@@ -34,6 +34,10 @@ CHANNEL_FAULTS: dict[str, ChannelFault] = {
         label="a dead sensor",
         action="Replace the sensor, or its cable or supply.",
     ),
+    "sensor_unit": ChannelFault(
+        label="a wrong unit of all sensors",
+        action="Check the unit, the sensitivity and the scale of the accelerometers.",
+    ),
     "sensor_dead_time": ChannelFault(
         label="an interrupted sensor",
         action="Check the cable and the data link of the channel for interruptions.",

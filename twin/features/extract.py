@@ -312,12 +312,15 @@ def _level(out: _Collector, rig: Rig, window: Window, share: dict[str, float]) -
     return name
 
 
-def _mean_torque(out: _Collector, window: Window) -> Samples | None:
+def _mean_torque(out: _Collector, rig: Rig, window: Window) -> Samples | None:
     """Mean of the pinion's torque without single spikes; its samples, None where there are none."""
     samples = window.torques.get("pinion")
     if samples is None or not np.isfinite(samples.values).any():
         why = "is in this window" if samples is None else "has a valid sample"
         out.missing("torque_nm torque", f"no torque channel of the pinion {why}")
+        return None
+    if "torque/pinion" in rig.get("sensors.uncalibrated", ()):
+        out.missing("torque_nm torque", "the unit of the torque channel is not known")
         return None
     samples = replace(samples, values=without_spikes(samples.values))
     out.values["torque_nm"] = float(np.nanmean(samples.values))
@@ -333,6 +336,8 @@ def _indicators(out: _Collector, signals: WindowSignals, angle: bool) -> None:
         try:
             averages = partial(signals.gear_averages, name) if angle else None
             found[name] = sensor_indicators(samples, averages, teeth)
+            if f"accel/{name}" in rig.get("sensors.uncalibrated", ()):
+                found[name] = replace(found[name], calibrated=False)
             if angle and signals.track.doubt:
                 found[name] = replace(found[name], doubt=signals.track.doubt)
         except WindowError as error:
@@ -366,7 +371,7 @@ def extract(rig: Rig, window: Window, signals: WindowSignals | None = None) -> W
     share |= {f"torque/{k}": _valid_share(s.values) for k, s in window.torques.items()}
     share |= {f"encoder/{k}": _valid_share(e.times) for k, e in window.encoders.items()}
     name = _level(out, rig, window, share)
-    torque = _mean_torque(out, window)
+    torque = _mean_torque(out, rig, window)
     try:
         track = signals.track
     except TwinError as error:

@@ -45,6 +45,11 @@ class PulseThresholds:
         source="derivation: Gaussian noise on the lower level reaches the upper switching level, at 0.7 of the height, "
         "at 5.6 standard deviations, once in 10^8 samples",
     )
+    least_alone: float = deciding(
+        0.1,
+        meaning="share of samples with both neighbours on their own level, from which they give the noise",
+        source="not derived: chosen; pulses of fewer than six samples have hardly any such samples",
+    )
     hysteresis: float = deciding(
         0.4,
         meaning="default hysteresis as a share of the pulses' height",
@@ -107,7 +112,7 @@ class Pulses:
 def pulses_of(values: np.ndarray, rate: float, settings: PulseSettings, limits: PulseThresholds = THRESHOLDS) -> Pulses:
     """The edges of a column of evenly sampled values (n,); WindowError where it holds no pulses."""
     x = np.asarray(values, dtype=float)
-    low, high, noise, threshold = _levels(x, settings.threshold)
+    low, high, noise, threshold = _levels(x, settings.threshold, limits)
     height = high - low
     if not height > limits.over_noise * noise:
         raise WindowError(
@@ -145,7 +150,7 @@ def pulses_of(values: np.ndarray, rate: float, settings: PulseSettings, limits: 
     )
 
 
-def _levels(x: np.ndarray, given: float | None) -> tuple[float, float, float, float]:
+def _levels(x: np.ndarray, given: float | None, limits: PulseThresholds) -> tuple[float, float, float, float]:
     """Low and high level, the noise from sample to sample, and the threshold between the levels."""
     good = x[np.isfinite(x)]
     if good.size < FEWEST_EDGES or np.ptp(good) == 0:
@@ -157,8 +162,16 @@ def _levels(x: np.ndarray, given: float | None) -> tuple[float, float, float, fl
             f"the threshold {split:.4g} is outside the values, which go from {good.min():.4g} to {good.max():.4g}"
         )
     low, high = float(np.median(below)), float(np.median(above))
-    noise = GAUSSIAN * float(np.median(np.abs(np.diff(good, 2)))) / SECOND_DIFFERENCE
-    return low, high, noise, (low + high) / 2 if given is None else given
+    return low, high, _noise(good, split, low, high, limits.least_alone), (low + high) / 2 if given is None else given
+
+
+def _noise(x: np.ndarray, split: float, low: float, high: float, least_alone: float) -> float:
+    """The noise on the levels, from three samples in a row on one; where pulses are too short for that, of each one."""
+    upper = x > split
+    alone = (upper[:-2] == upper[1:-1]) & (upper[1:-1] == upper[2:])
+    if np.mean(alone) > least_alone:
+        return GAUSSIAN * float(np.median(np.abs(np.diff(x, 2)[alone]))) / SECOND_DIFFERENCE
+    return GAUSSIAN * float(np.median(np.abs(x - np.where(upper, high, low))))
 
 
 def _otsu(x: np.ndarray) -> float:

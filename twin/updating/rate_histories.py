@@ -1,6 +1,7 @@
 """Histories that a wear rate may have had, as wear_forecast.py weighs them: which there are, and their priors.
 
-A history is a form of the rate (none, a trend, running-in, a step, or none with a shift of the depths) with a wander g,
+A history is a form of the rate (none, a trend, a power of the revolutions, running-in, a step, or none with a shift of
+the depths) with a wander g,
 irregular wear u and a share s of the stated scatter; the symbols are those of wear_forecast.py.
 """
 
@@ -62,7 +63,7 @@ class RateHistories:
         source="not derived: a change that is just seen, and half as fast again",
     )
     trend_prior: float = deciding(
-        0.3,
+        0.2,
         meaning="probability that the rate has changed steadily",
         source=DRAWN,
     )
@@ -71,6 +72,22 @@ class RateHistories:
         of="the revolutions so far",
         meaning="revolutions ahead over which a trend fades by a factor e",
         source=DRAWN,
+    )
+    powers: tuple[float, ...] = deciding(
+        (0.5, 2.0),
+        meaning="exponents p of a change of the wear as N^p that goes on, equally probable",
+        source="derivation: of wear as N^q, a constant rate next to one of these follows every q from 0.5 to 2",
+    )
+    power_size: float = deciding(
+        0.7,
+        of="the mean wear rate so far",
+        meaning="standard deviation of the rate of such a change now",
+        source="derivation: wear as N^0.5 has half of the mean rate now, and as N^2 twice the mean rate",
+    )
+    power_prior: float = deciding(
+        0.1,
+        meaning="probability that the wear changes as a power of the revolutions",
+        source="not derived: one machine in ten",
     )
     step_size: float = deciding(
         0.7,
@@ -138,8 +155,10 @@ def grid_of(steps: int, histories: RateHistories) -> Grid:
     """All histories; forms other than the plain one have every second g and u."""
     decays = len(histories.running_in)
     step, shift = (histories.step_prior, histories.shift_prior) if steps else (0.0, 0.0)
-    plain, trends = 1 - histories.running_in_prior - histories.trend_prior - step - shift, len(histories.trend_sizes)
-    forms = [plain, *[histories.trend_prior / trends] * trends, *[histories.running_in_prior / decays] * decays]
+    trends, powers = len(histories.trend_sizes), len(histories.powers)
+    plain = 1 - histories.running_in_prior - histories.trend_prior - histories.power_prior - step - shift
+    forms = [plain, *[histories.trend_prior / trends] * trends, *[histories.power_prior / powers] * powers]
+    forms += [histories.running_in_prior / decays] * decays
     forms += [step / steps] * steps + [shift / steps] * steps if steps else []
     wanders = np.array(histories.wanders)
     share = np.full(wanders.size, (1 - histories.steady) / (wanders.size - 1))
@@ -168,38 +187,45 @@ class Forms(NamedTuple):
     size: np.ndarray  # standard deviation of c over the mean rate (m,)
     decay: np.ndarray  # N_r, infinite where there is none (m,)
     trend: np.ndarray  # φ″ of a trend, 0 where there is none (m,)
+    power: np.ndarray  # p of a change as N^p, 1 where there is none (m,)
     shifted: np.ndarray  # 1 at the windows whose depths are shifted, else 0 (m, n)
 
 
 def forms_of(N: np.ndarray, now: float, histories: RateHistories) -> Forms:
     """Forms over windows at revolutions N (n,) and now: those of a kind one after the other."""
     decays, trends = now * np.array(histories.running_in), len(histories.trend_sizes)
+    powers = np.array(histories.powers)
     between = 0.5 * (N[1:] + N[:-1])
     steps = min(histories.most_steps, between.size)
     places = between[np.linspace(0, between.size - 1, steps).round().astype(int)] if steps else np.zeros(0)
     counts = np.append(N, now)
-    none, no_shift = np.zeros((1, counts.size)), np.zeros((1 + trends + decays.size + steps, N.size))
+    none = np.zeros((1, counts.size))
     φ = np.concatenate(
         [
             none,
             np.repeat(counts[None] ** 2 / (2 * now), trends, axis=0),
+            now / powers[:, None] * (counts / now) ** powers[:, None],
             -decays[:, None] * np.expm1(-counts / decays[:, None]),
             np.maximum(counts - places[:, None], 0.0),
             np.repeat(none, steps, axis=0),
         ]
     )
 
-    def by_kind(plain: float, trend: float, running_in: np.ndarray, step: float) -> np.ndarray:
-        return np.concatenate([[plain], [trend] * trends, running_in, [step] * steps, [plain] * steps])
-
-    sizes = by_kind(0.0, 0.0, np.full(decays.size, histories.running_in_size), histories.step_size)
-    sizes[1 : 1 + trends] = histories.trend_sizes
+    kinds = [1, trends, powers.size, decays.size, steps, steps]  # forms of each
+    of_trends, of_powers, of_running_in = (slice(sum(kinds[:i]), sum(kinds[: i + 1])) for i in (1, 2, 3))
+    slope = np.repeat([0.0, 1.0, 1.0, 0.0, 1.0, 0.0], kinds)
+    slope[of_running_in] = np.exp(-now / decays)
+    size = np.repeat([0.0, 0.0, histories.power_size, histories.running_in_size, histories.step_size, 0.0], kinds)
+    size[of_trends] = histories.trend_sizes
+    decay, power = np.full(size.size, np.inf), np.ones(size.size)
+    decay[of_running_in], power[of_powers] = decays, powers
     return Forms(
         windows=φ[:, :-1],
         now=φ[:, -1],
-        slope=by_kind(0.0, 1.0, np.exp(-now / decays), 1.0),
-        size=sizes,
-        decay=by_kind(np.inf, np.inf, decays, np.inf),
-        trend=by_kind(0.0, 1 / now, np.zeros(decays.size), 0.0),
-        shifted=np.concatenate([no_shift, places[:, None] < N]),
+        slope=slope,
+        size=size,
+        decay=decay,
+        trend=np.repeat([0.0, 1 / now, 0.0, 0.0, 0.0, 0.0], kinds),
+        power=power,
+        shifted=np.concatenate([np.zeros((len(φ) - steps, N.size)), places[:, None] < N]),
     )

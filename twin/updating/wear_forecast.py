@@ -5,8 +5,8 @@
 z  work of the depth that a window gave  [rad/N]          N  revolutions of the pinion
 W  wander of the rate: a Wiener process of relative standard deviation g over the revolutions so far
 U  irregular wear: a Wiener process of relative standard deviation u over the work so far
-φ  a change of the rate that has a form: none; a trend, φ' = N/N_now; running-in, φ' = e^{−N/N_r}; a step at N_s,
-   φ' = 1 from N_s on
+φ  a change of the rate that has a form: none; a trend, φ' = N/N_now; a power, φ' = (N/N_now)^{p−1}; running-in,
+   φ' = e^{−N/N_r}; a step at N_s, φ' = 1 from N_s on
 q  a shift of all depths from window j on: an effect that has set in and is not in the model; none in most histories
 h·b  what neighbouring depths are off by together (twin/updating/wear_points.py), correlated by e^{−|Δ ln x|/ℓ}
 v  what is independent from window to window, as stated; s says how much of it there really is
@@ -14,7 +14,9 @@ v  what is independent from window to window, as stated; s says how much of it t
 A history is one choice of φ, g, u and s. All is linear in (x, κ, c), so that a history's evidence p(z | history) and
 the wear now are those of a Gaussian process in closed form. The weight of a history is its prior times its evidence: a
 coefficient that has kept its value for many windows is expected to keep it, and one that wanders to wander on, where
-its variance grows with the revolutions ahead. The life is a mixture over the histories, each of them log-normal,
+its variance grows with the revolutions ahead. Running-in and a power have c > 0, or new flanks would wear more slowly
+and a rate end at none: their evidence is taken times P(c > 0 | z)/P(c > 0), exact for a prior that ends at zero.
+The life is a mixture over the histories, each of them log-normal,
 
     to_go = κ·L + c·ψ(L),      var ln L = ([1, L, ψ]·P·[1, L, ψ]ᵀ + (g·κ̂)²·L³/(3·N) + (u·κ̂)²·N·L)/(L·dx/dL)²
 
@@ -36,6 +38,7 @@ from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from twin.updating.rate_histories import HISTORIES, Forms, Grid, RateHistories, forms_of, grid_of
 from twin.updating.wear_points import Points
@@ -66,6 +69,7 @@ class WearForecast:
     irregular: np.ndarray  # variance of x per revolution, (h,)
     decay: np.ndarray  # N_r of running-in, infinite where there is none, (h,)
     trend: np.ndarray  # φ″ of a trend, 0 where there is none, (h,)
+    power: np.ndarray  # p of a change as N^p, 1 where there is none, (h,)
     damping: float  # D, revolutions over which a trend fades
 
     @property
@@ -82,7 +86,7 @@ class WearForecast:
         """Each history's life to a work; histories whose rate is not positive are left out."""
         fits = self.mean[:, 1] > 0
         now, P, to_go = self.mean[fits], self.covariance[fits], end - self.mean[fits, 0]
-        form, weights = (self.decay[fits], self.trend[fits]), self.weights[fits]
+        form, weights = (self.decay[fits], self.trend[fits], self.power[fits]), self.weights[fits]
         c, by_c = self._ahead(now[:, 1], now[:, 2], form[1])
         reached = to_go <= 0
         to_go = np.where(reached, REACHED * self.revolutions * now[:, 1], to_go)
@@ -109,17 +113,23 @@ class WearForecast:
         over = np.where(follows, far, 1.0)
         return np.where(follows, rate * np.expm1(ratio) / over, c), np.where(follows, np.exp(ratio), 1.0)
 
-    def _bent(self, ahead: np.ndarray, decay: np.ndarray, trend: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ψ and dψ/dL at revolutions ahead, (h,) each: a step is over, running-in and a trend go on."""
+    def _bent(
+        self, ahead: np.ndarray, decay: np.ndarray, trend: np.ndarray, power: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """ψ and dψ/dL at revolutions ahead, (h,) each: a step is over, all other changes go on."""
         runs = np.isfinite(decay)
         Nr = np.where(runs, decay, 1.0)
         now = np.where(runs, np.exp(-self.revolutions / Nr), 0.0)
         left = np.exp(-ahead / Nr)
         D = self.damping
         faded = -np.expm1(-ahead / D)
+        longer = 1 + ahead / self.revolutions
         return (
-            now * (Nr * (1 - left) - ahead) + trend * D * (ahead - D * faded),
-            now * (left - 1) + trend * D * faded,
+            now * (Nr * (1 - left) - ahead)
+            + trend * D * (ahead - D * faded)
+            + self.revolutions * (longer**power - 1) / power
+            - ahead,
+            now * (left - 1) + trend * D * faded + longer ** (power - 1) - 1,
         )
 
 
@@ -145,15 +155,25 @@ def forecast_of(points: Points, revolutions: float, histories: RateHistories = H
     white = np.linalg.solve(root, np.concatenate([left, seen], axis=2))
     left, seen = white[:, :, 0], white[:, :, 1:]
     evidence = -0.5 * (left**2).sum(axis=1) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    logs = evidence + np.log(grid.prior)
+    mean = np.einsum("hni,hn->hi", seen, left) + np.array([mean_rate * now, mean_rate, 0.0])
+    covariance = covariance[:, n:, n:] - np.einsum("hni,hnj->hij", seen, seen)
+    logs = evidence + np.log(grid.prior) + _of_its_sign(mean, covariance, forms, grid)
     weights = np.exp(logs - logs.max())
     return WearForecast(
         revolutions=now,
-        mean=np.einsum("hni,hn->hi", seen, left) + np.array([mean_rate * now, mean_rate, 0.0]),
-        covariance=covariance[:, n:, n:] - np.einsum("hni,hnj->hij", seen, seen),
+        mean=mean,
+        covariance=covariance,
         weights=weights / weights.sum(), wander=wander, irregular=irregular, decay=forms.decay[grid.form],
-        trend=forms.trend[grid.form], damping=histories.trend_damping * now,
+        trend=forms.trend[grid.form], power=forms.power[grid.form], damping=histories.trend_damping * now,
     )  # fmt: skip
+
+
+def _of_its_sign(mean: np.ndarray, covariance: np.ndarray, forms: Forms, grid: Grid) -> np.ndarray:
+    """ln of P(c > 0 | z)/P(c > 0) of running-in and of a power, 0 of other forms, (h,)."""
+    signed = (np.isfinite(forms.decay) | (forms.power != 1.0))[grid.form]
+    out = np.zeros(signed.size)
+    out[signed] = log_ndtr(mean[signed, 2] / np.sqrt(covariance[signed, 2, 2])) + log(2.0)
+    return out
 
 
 def _prior(N: np.ndarray, now: float, mean_rate: float, forms: Forms, grid: Grid) -> np.ndarray:

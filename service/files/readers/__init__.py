@@ -15,7 +15,7 @@ from pathlib import Path
 
 from service.errors import InputError
 from service.files.readers.hdf5 import read_hdf5
-from service.files.readers.mat import read_mat, read_mat73
+from service.files.readers.mat import is_level_4, read_mat, read_mat73
 from service.files.readers.mdf import read_mdf
 from service.files.readers.numpy_files import read_npy, read_npz
 from service.files.readers.parquet import read_parquet
@@ -41,6 +41,7 @@ class Format:
     read: Reader
     at: tuple[int, ...] = (0,)
     library: str = ""  # of the extra `formats`; empty where it is always there
+    fits: Callable[[bytes], bool] | None = None  # whether a beginning is one of this format that has no mark of its own
 
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -48,7 +49,7 @@ FORMATS = (
     Format(name="NPZ", begins=(b"PK\x03\x04",), read=read_npz),
     Format(name="NPY", begins=(b"\x93NUMPY",), read=read_npy),
     Format(name="WAV", begins=(b"RIFF", b"RF64", b"RIFX"), read=read_wav),
-    Format(name="MAT", begins=(b"MATLAB 5.0 MAT-file",), read=read_mat),
+    Format(name="MAT", begins=(b"MATLAB 5.0 MAT-file",), read=read_mat, fits=is_level_4),
     Format(name="MAT 7.3", begins=(b"MATLAB 7.3 MAT-file", b"MATLAB 7.0 MAT-file"), read=read_mat73, library="mat73"),
     Format(name="TDMS", begins=(b"TDSm",), read=read_tdms, library="nptdms"),
     Format(name="UFF-58", begins=(b"    -1",), read=read_uff, library="pyuff"),
@@ -67,7 +68,7 @@ def format_of(path: Path) -> Format | None:
     for form in FORMATS:
         if any(head[at:].startswith(begin) for at in form.at for begin in form.begins):
             return form
-    return None
+    return next((form for form in FORMATS if form.fits and form.fits(head)), None)
 
 
 def read_table(path: Path, text: TextForm | None = None) -> Table:
@@ -79,7 +80,8 @@ def read_table(path: Path, text: TextForm | None = None) -> Table:
         form = format_of(path)
         table = read_text(path, text) if form is None else form.read(path)
         if not table.columns:
-            only = f", only {', '.join(table.names)}" if table.names else ""
+            why = [f"{name}: {reason}" for name, reason in table.left_out.items()]
+            only = f", only {'; '.join((*table.numbers, *why))}" if table.names else ""
             raise ValueError(f"it holds no column of numbers{only}")
         return table
     except ModuleNotFoundError as error:

@@ -1,63 +1,34 @@
-"""HDF5 files, by h5py: every dataset of numbers, with the unit and rate of its own or its groups' attributes."""
+"""HDF5 files, also of NetCDF, by h5py: every dataset of numbers, as its attributes and those of its groups state it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from service.files.readers.table import Column, Table, array_columns
-
-UNITS = ("unit", "units", "Unit", "Units")
-RATES = ("sample_rate_hz", "sample_rate", "sampling_rate", "sampling_frequency", "fs", "Fs", "rate")
-STEPS = ("dt", "time_step", "sample_interval", "wf_increment", "increment")
+from service.files.readers.contents import Contents, rate_in
+from service.files.readers.table import Table
 
 
 def read_hdf5(path: Path) -> Table:
     """The datasets by their path; one value is a number."""
     import h5py
 
-    columns: list[Column] = []
-    numbers: dict[str, float] = {}
-    others: list[str] = []
+    found = Contents(format="HDF5")
     with h5py.File(path, "r") as file:
 
         def visit(name: str, item: Any) -> None:
-            if not isinstance(item, h5py.Dataset):
-                return
-            if item.dtype.names:
-                for field in item.dtype.names:
-                    columns.extend(array_columns(f"{name}.{field}", item[field], rate=_rate(item)))
-            elif item.dtype.kind in "fiub" and item.size == 1:
-                numbers[name] = float(np.asarray(item[()]).item())
-            elif item.dtype.kind in "fiub":
-                columns.extend(array_columns(name, item[()], _text(item, UNITS), _rate(item)))
-            else:
-                others.append(name)
+            if isinstance(item, h5py.Dataset):
+                found.add(name, lambda: item[()], dict(item.attrs), rate=_rate(item))
 
         file.visititems(visit)
-    return Table(format="HDF5", columns=tuple(columns), numbers=numbers, other_names=tuple(others))
-
-
-def _text(item: Any, names: Collection[str]) -> str:
-    for name in names:
-        value = item.attrs.get(name)
-        if value is not None:
-            return value.decode() if isinstance(value, bytes) else str(value)
-    return ""
+        return found.table()
 
 
 def _rate(item: Any) -> float | None:
     """The rate that the dataset's attributes state, or those of the groups that hold it [Hz]."""
     holder = item
     while True:
-        for names, turned in ((RATES, False), (STEPS, True)):
-            for name in names:
-                value = holder.attrs.get(name)
-                if value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu" and value > 0:
-                    return 1 / float(value) if turned else float(value)
-        if holder.name == "/":
-            return None
+        rate = rate_in(dict(holder.attrs))
+        if rate is not None or holder.name == "/":
+            return rate
         holder = holder.parent

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from service.files.readers.table import Column, Table, unique_names
+from service.files.readers.contents import Contents
+from service.files.readers.table import Table, unique_names
 
 
 def read_mdf(path: Path) -> Table:
-    """The channels of all groups, with the times of their own master channel."""
+    """The channels of all groups, with the times of their own master channel; NaN where a sample is marked invalid."""
     from asammdf import MDF
 
     with MDF(path) as file:
@@ -18,12 +21,15 @@ def read_mdf(path: Path) -> Table:
         groups = [str(s.group_index) for s in signals]
         started = file.header.start_time
     names = unique_names([(f"group {g}", s.name) for g, s in zip(groups, signals, strict=True)])
-    columns, others = [], []
+    found = Contents(format="MDF")
     for name, signal in zip(names, signals, strict=True):
-        values = np.asarray(signal.samples)
-        if values.dtype.kind not in "fiub" or values.ndim != 1 or values.size < 2:
-            others.append(name)
-            continue
         times = np.asarray(signal.timestamps, dtype=float)
-        columns.append(Column(name=name, values=values, unit=signal.unit or "", times=times))
-    return Table(format="MDF", columns=tuple(columns), other_names=tuple(others), started=started)
+        found.add(name, partial(_valid, signal), unit=signal.unit or "", times=times)
+    return found.table(started)
+
+
+def _valid(signal: Any) -> np.ndarray:
+    values, invalid = np.asarray(signal.samples), signal.invalidation_bits
+    if invalid is None or values.dtype.kind not in "fiub" or not np.any(invalid):
+        return values
+    return np.where(np.asarray(invalid, dtype=bool), np.nan, values)

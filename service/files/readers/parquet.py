@@ -2,38 +2,34 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from service.files.readers.table import Column, Table, split_unit
+from service.files.readers.contents import Contents
+from service.files.readers.table import Table, split_unit
 
 
 def read_parquet(path: Path) -> Table:
-    """The columns; moments become seconds after the first, a column's unit is its metadata's or in its name."""
+    """The columns; moments and durations become seconds after the first, other units are metadata or in the name."""
     import pyarrow
     import pyarrow.parquet as parquet
 
     table = parquet.read_table(path)
-    columns, others = [], []
+    found = Contents(format="Parquet")
     for field, data in zip(table.schema, table.columns, strict=True):
-        values = _values(pyarrow, field.type, data)
-        if values is None or values.size < 2:
-            others.append(field.name)
-            continue
-        stated = (field.metadata or {}).get(b"unit", b"").decode()
-        unit = "s" if pyarrow.types.is_timestamp(field.type) else stated or split_unit(field.name)[1]
-        columns.append(Column(name=field.name, values=values, unit=unit))
-    return Table(format="Parquet", columns=tuple(columns), other_names=tuple(others))
+        stated = {
+            k.decode(errors="replace"): v for k, v in (field.metadata or {}).items() if not k.startswith(b"PARQUET:")
+        }
+        unit = "" if "unit" in stated else split_unit(field.name)[1]
+        found.add(field.name, partial(_values, pyarrow, field.type, data), stated, unit=unit)
+    return found.table()
 
 
-def _values(pyarrow: Any, kind: Any, data: Any) -> np.ndarray | None:
-    """A column as numbers, empty cells NaN; None of texts and lists."""
-    if pyarrow.types.is_timestamp(kind):
-        moments = data.to_numpy()
-        return (moments - moments[0]) / np.timedelta64(1, "s")
-    if pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind) or pyarrow.types.is_boolean(kind):
-        values = data.to_numpy()
-        return values if data.null_count == 0 else values.astype(float)
-    return None
+def _values(pyarrow: Any, kind: Any, data: Any) -> Any:
+    """A column as an array, empty cells NaN."""
+    if pyarrow.types.is_decimal(kind):
+        data = data.cast(pyarrow.float64())
+    values = data.to_numpy()
+    numbers = pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind) or pyarrow.types.is_boolean(kind)
+    return values.astype(float) if numbers and data.null_count else values

@@ -10,8 +10,19 @@ from datetime import datetime
 import numpy as np
 
 MOST_COLUMNS = 256  # of one two-dimensional array: a larger one is no row of channels
+UNIT_NAMES = {
+    "s", "sec", "ms", "us", "µs", "μs", "ns", "min", "h", "v", "mv", "µv", "g", "mg", "gn", "gs", "m/s2", "m/s^2",
+    "m/s²", "m/s**2", "ms-2", "m·s-2", "ms^-2", "mm/s", "m/s", "mm/s2", "mm/s^2", "mm/s²", "um", "µm", "mm", "m", "nm",
+    "n.m", "n·m", "n*m", "n-m", "ncm", "knm", "lbf.in", "in-lb", "ft-lb", "rpm", "1/min", "/min", "min-1", "rev/min",
+    "u/min", "1/s", "hz", "khz", "pa", "kpa", "bar", "a", "ma", "w", "kw", "%", "°", "deg", "rad", "rev", "count",
+    "counts", "degc", "°c", "c", "degf", "°f", "k", "-", "",
+}  # fmt: skip
 
-_IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+_IN_BRACKETS = re.compile(r"[\[(](?P<unit>[^\[\]()]*)[\])]")
+_AT_THE_END = re.compile(
+    r"^(?P<name>.*[\w.)])(?:\s+in\s+|\s*/\s+|,\s*|_)"
+    r"(?P<unit>m?V|m?g|[kc]?Nm|m?m/s[2²]?|m?m/s\^2|ms-2|rpm|1/min|min-1|Hz|k?Pa|deg[CF]|°[CF]|counts?|m?s|[uµμn]s)$"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,6 +35,7 @@ class Column:
     rate: float | None = None  # [Hz]
     start: float = 0.0  # time of the first value after the file's start [s]
     times: np.ndarray | None = None  # of each value, after the file's start (n,) [s]
+    is_time: bool = False  # the file's type says that the values are times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,12 +48,14 @@ class Table:
     started: datetime | None = None
     rate: float | None = None  # stated for the whole file, as in the preamble of a CSV file [Hz]
     notes: tuple[str, ...] = ()  # what a reader of the recording should know
-    other_names: tuple[str, ...] = ()  # of what else the file holds, such as texts
+    left_out: Mapping[str, str] = field(
+        default_factory=dict
+    )  # what else the file holds by name, and why it is no column
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of everything in the file."""
-        return (*(c.name for c in self.columns), *self.numbers, *self.other_names)
+        return (*(c.name for c in self.columns), *self.numbers, *self.left_out)
 
     def column(self, name: str) -> Column | None:
         """The column of this name; None where there is none."""
@@ -49,11 +63,27 @@ class Table:
 
 
 def split_unit(label: str) -> tuple[str, str]:
-    """`Acc1 (g)` or `Acc1 [g]` → name and unit; the unit is empty where the label has none."""
-    found = _IN_BRACKETS.match(label.strip())
-    if not found or found["unit"].strip().isdigit():  # a number in brackets counts the columns of an array
-        return label.strip(), ""
-    return found["name"], found["unit"].strip()
+    """`Acc1 (g)`, `torque [Nm] - T 10Nm` or `acc_V` → name and unit; the unit is empty where the label has none.
+
+    A unit in brackets may stand anywhere; of several brackets it is the last that holds a known unit. One without
+    brackets stands behind `_`, `/`, a comma or `in`, in the letters of the standards: `_V` is volts, `_v` is not.
+    """
+    label = label.strip()
+    found = [m for m in _IN_BRACKETS.finditer(label) if not m["unit"].strip().isdigit()]  # `[2]`: column of an array
+    known = [m for m in found if m["unit"].strip().lower() in UNIT_NAMES]
+    at_the_end = [m for m in found if m.end() == len(label) and m.start() > 0]
+    if not known and not at_the_end:
+        plain = _AT_THE_END.match(label)
+        return (plain["name"], plain["unit"]) if plain else (label, "")
+    chosen = (known or at_the_end)[-1]
+    name = f"{label[: chosen.start()].strip()} {label[chosen.end() :].strip()}".strip(" -:;,")
+    return (name or label), chosen["unit"].strip()
+
+
+def group_of(name: str) -> tuple[str, str]:
+    """The part of a file in which a name stands, and the name in it: `run1/time` and `rec.X.Data` are in groups."""
+    at = max(name.rfind("/"), name.rfind("."))
+    return name[: max(at, 0)], name[at + 1 :]
 
 
 def rounded_rate(rate: float, uncertainty: float) -> float:

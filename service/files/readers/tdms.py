@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from service.files.readers.table import Column, Table, unique_names
-
-UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
+from service.files.readers.contents import Contents
+from service.files.readers.table import Table, unique_names
 
 
 def read_tdms(path: Path) -> Table:
@@ -20,28 +21,15 @@ def read_tdms(path: Path) -> Table:
     file = TdmsFile.read(path)
     channels = [(group.name, channel) for group in file.groups() for channel in group.channels()]
     names = unique_names([(group, channel.name) for group, channel in channels])
-    columns, others, starts = [], [], []
+    found = Contents(format="TDMS")
     for name, (_, channel) in zip(names, channels, strict=True):
-        values = np.asarray(channel[:])
-        if values.dtype.kind not in "fiub" or values.size < 2:
-            others.append(name)
-            continue
-        step = float(channel.properties.get("wf_increment", 0.0))
-        unit = next((str(channel.properties[u]) for u in UNITS if channel.properties.get(u)), "")
-        columns.append(
-            Column(
-                name=name,
-                values=values,
-                unit=unit,
-                rate=1 / step if step > 0 else None,
-                start=float(channel.properties.get("wf_start_offset", 0.0)),
-            )
-        )
-        starts.append(_moment(channel.properties.get("wf_start_time")))
-    known = [s for s in starts if s is not None]
-    return Table(
-        format="TDMS", columns=tuple(columns), other_names=tuple(others), started=min(known) if known else None
-    )
+        stated = {k: v for k, v in channel.properties.items() if not k.startswith("NI_Scale")}  # nptdms applies these
+        offset = float(stated.pop("wf_start_offset", 0.0))
+        moment = _moment(stated.get("wf_start_time"))
+        started = None if moment is None else moment + timedelta(seconds=offset)
+        start = offset if started is None else 0.0
+        found.add(name, partial(getitem, channel, slice(None)), stated, start=start, started=started)
+    return found.table()
 
 
 def _moment(value: Any) -> datetime | None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import gzip
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from service.files.readers.printed_times import seconds_of
 from service.files.readers.table import Column, Table
-from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of, layout_of, stated_rate
+from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of, is_number, layout_of, stated_rate
 
 BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
-CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:[.,](\d+))?")
-DAY = re.compile(r"^(?:(\d{4})-(\d\d)-(\d\d)|(\d{1,2})[./](\d{1,2})[./](\d{4}))")
 
 
 class NoNumbers(ValueError):
@@ -44,14 +42,25 @@ def read_text(path: Path, form: TextForm | None = None) -> Table:
     filled = [i for i in range(len(layout.names)) if not _is_blank(layout, rows, i)]
     chosen = [i for i in filled if layout.numeric[i] or layout.moments[i]]
     values = _numbers(rows, layout, [i for i in chosen if layout.numeric[i]])
-    columns = []
+    columns, started = [], None
     for i in chosen:
-        moment = layout.moments[i] and not layout.numeric[i]
-        data = _seconds([cells_of(row, layout.separator)[i] for row in rows]) if moment else values[i]
-        columns.append(Column(name=layout.names[i], values=data, unit="s" if moment else layout.units[i]))
-    others = tuple(layout.names[i] for i in filled if i not in chosen)
+        name, is_time = layout.names[i], layout.moments[i] and not layout.numeric[i]
+        if is_time:
+            values[i], first = seconds_of([cells_of(row, layout.separator)[i] for row in rows])
+            started = started or (first if first is not None and first.tzinfo else None)
+        columns.append(Column(name=name, values=values[i], unit="s" if is_time else layout.units[i], is_time=is_time))
+    left_out = {layout.names[i]: _no_number(rows, layout, i) for i in filled if i not in chosen}
     rate = stated_rate(lines[: layout.first])
-    return Table(format="CSV", columns=tuple(columns), rate=rate, notes=notes, other_names=others)
+    return Table(format="CSV", columns=tuple(columns), rate=rate, notes=notes, left_out=left_out, started=started)
+
+
+def _no_number(rows: Sequence[str], layout: Layout, i: int) -> str:
+    """Why a column is none of numbers: its first cell that is no number."""
+    cells = ((n, cells_of(row, layout.separator)[i:]) for n, row in enumerate(rows, start=1))
+    odd = next(((n, c[0]) for n, c in cells if c and not is_number(c[0], layout.decimal)), None)
+    return (
+        "holds no numbers" if odd is None else f"row {odd[0]} is {odd[1][:40]!r}, which is no number and no known time"
+    )
 
 
 def _lines(path: Path) -> list[str]:
@@ -114,27 +123,3 @@ def _where(rows: Sequence[str], layout: Layout, used: Sequence[int]) -> str:
             except ValueError:
                 return f"row {number} of column {layout.names[i]!r} is {cells[i]!r}, not a number"
     return ""
-
-
-def _seconds(cells: Sequence[str]) -> np.ndarray:
-    """Dates with times, or times of day, as seconds after the first."""
-    days = np.array([_day(cell) for cell in cells], dtype="datetime64[D]").astype(np.int64)
-    times = np.array([_of_day(cell) for cell in cells])
-    if not days.any():  # times of day alone: one that falls is past midnight
-        days = np.cumsum(np.concatenate(([0], np.diff(times) < -43200.0)))
-    return (days - days[0]) * 86400.0 + (times - times[0])
-
-
-def _day(cell: str) -> str:
-    found = DAY.match(cell)
-    if not found:
-        return "1970-01-01"
-    year, month, day = found.group(1, 2, 3) if found[1] else found.group(6, 5, 4)
-    return f"{year}-{int(month):02d}-{int(day):02d}"
-
-
-def _of_day(cell: str) -> float:
-    found = CLOCK.search(cell)
-    assert found is not None
-    hours, minutes, seconds, part = found.groups()
-    return int(hours) * 3600 + int(minutes) * 60 + int(seconds) + float(f"0.{part}" if part else 0.0)

@@ -11,15 +11,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from service.files.readers.table import split_unit
+from service.files.readers.printed_times import is_printed_time
+from service.files.readers.table import UNIT_NAMES, split_unit
 
 SEPARATORS = (";", "\t", ",", "|", " ")
 PROBED = 40  # rows from the middle that decide
 FOLLOWING, MOST = 8, 0.75  # lines after the first row of numbers, and which share of them must be such rows
 MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-"}
-MOMENT = re.compile(
-    r"^(?:\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{4},?[T ])?\d{1,2}:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?$"
-)
 RATE = re.compile(
     r"(?:sampl(?:e|ing)[ _-]*(?:rate|freq\w*)|sample_rate_hz|abtastrate|abtastfrequenz"
     r"|fr[eé]quence d.[eé]chantillonnage|\bfs\b)"
@@ -27,12 +25,6 @@ RATE = re.compile(
     r"(?P<number>\d[\d.,]*(?:[eE][+-]?\d+)?)\s*(?P<after>[kM]?Hz|k?S/s)?",
     re.IGNORECASE,
 )
-UNIT_NAMES = {
-    "s", "sec", "ms", "us", "µs", "μs", "ns", "min", "h", "v", "mv", "µv", "g", "mg", "m/s2", "m/s^2", "m/s²", "m/s**2",
-    "ms-2", "mm/s", "m/s", "mm/s^2", "um", "µm", "mm", "m", "nm", "n.m", "n·m", "n*m", "n-m", "ncm", "knm", "lbf.in",
-    "ft-lb", "rpm", "1/min", "min-1", "rev/min", "u/min", "hz", "khz", "pa", "kpa", "bar", "a", "ma", "w", "kw", "%",
-    "°", "deg", "rad", "rev", "counts", "degc", "°c", "c", "degf", "°f", "k", "-", "",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +113,7 @@ def _score(probe: Sequence[str], separator: str, decimal: str) -> tuple[float, f
     rows = [cells_of(line, separator) for line in probe]
     if len({len(row) for row in rows}) != 1:
         return None
-    good = sum(is_number(cell, decimal) or MOMENT.match(cell) is not None for row in rows for cell in row)
+    good = sum(is_number(cell, decimal) or is_printed_time(cell) for row in rows for cell in row)
     filled = sum(cell.lower() not in MISSING for row in rows for cell in row)
     if not good or not filled:
         return None
@@ -132,7 +124,7 @@ def _score(probe: Sequence[str], separator: str, decimal: str) -> tuple[float, f
 def _kinds(probe: Sequence[str], separator: str, decimal: str, width: int) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
     """Which columns are moments, and which are numbers."""
     rows = [cells_of(line, separator) for line in probe]
-    moments = tuple(all(MOMENT.match(row[i]) for row in rows) for i in range(width))
+    moments = tuple(all(is_printed_time(row[i]) for row in rows) for i in range(width))
     numeric = tuple(all(is_number(row[i], decimal) for row in rows) for i in range(width))
     return moments, numeric
 
@@ -147,7 +139,7 @@ def _first_row(
         if len(row) != len(numeric) or not any(cell.lower() not in MISSING for cell in row):
             return False
         return all(
-            (not numeric[i] or is_number(cell, decimal)) and (not moments[i] or MOMENT.match(cell))
+            (not numeric[i] or is_number(cell, decimal)) and (not moments[i] or is_printed_time(cell))
             for i, cell in enumerate(row)
         ) and any(cell.lower() not in MISSING for i, cell in enumerate(row) if numeric[i] or moments[i])
 

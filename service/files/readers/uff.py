@@ -32,9 +32,14 @@ def read_uff(path: Path) -> Table:
     others = len(sets) - len(histories)
     names = unique_names([("", _name(s)) for s in histories])
     columns = tuple(_column(name, s) for name, s in zip(names, histories, strict=True))
-    notes = (f"{others} data sets of other functions (spectra, responses) are left out",) if others else ()
-    started = next((m for s in histories if (m := _moment(str(s.get("id3", "")))) is not None), None)
-    return Table(format="UFF-58", columns=columns, notes=notes, started=started)
+    notes: tuple[str, ...] = (
+        (f"{others} data sets of other functions (spectra, responses) are left out",) if others else ()
+    )
+    moments = sorted({m for s in histories if (m := _moment(str(s.get("id3", "")))) is not None})
+    if len(moments) > 1:
+        last = moments[-1] - moments[0]
+        notes += (f"the dates of the histories lie up to {last.total_seconds():g} s apart, which is not applied",)
+    return Table(format="UFF-58", columns=columns, notes=notes, started=moments[0] if moments else None)
 
 
 def _is_history(data: dict[str, Any]) -> bool:

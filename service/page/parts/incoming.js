@@ -46,7 +46,7 @@ export function incoming({ get, signal, changed }) {
 
   function row(asset) {
     const name = asset.asset;
-    const path = `/v1/unknown-assets/${encodeURIComponent(name)}`;
+    const path = `v1/unknown-assets/${encodeURIComponent(name)}`;
     const done = `${name} is adopted: its frames are used from now on.`;
     const withRig = asset.rig ? [button("Adopt with its rig file", `adopt-rig ${name}`, decide(`${path}/adopt`, { rig: asset.rig_digest }, done), "primary"), " "] : [];
     return element("tr", { dataset: { asset: name } }, element("th", { scope: "row", dataset: { head: "machine" } }, name),
@@ -71,7 +71,7 @@ export function incoming({ get, signal, changed }) {
         button("Reject", `reject ${digest}`, decide(path, { decision: "reject", digest }, `The rig file for ${asset} is rejected.`))));
   }
 
-  const newest = newestOf(() => Promise.all([get("/v1/unknown-assets", { signal }), get("/v1/rig-proposals", { signal })])
+  const newest = newestOf(() => Promise.all([get("v1/unknown-assets", { signal }), get("v1/rig-proposals", { signal })])
     .catch((error) => {
       if (error.status === 404) return [NONE, []]; // a service that has neither
       throw error;

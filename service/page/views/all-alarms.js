@@ -5,7 +5,7 @@ import { alarmList } from "../parts/alarm_list.js";
 const EVERY_MS = 3000; // what has not changed is not sent again
 
 export async function show(root, { signal, get, connected }) {
-  const list = alarmList({ signal, withAsset: true, load: (all) => get(`/v1/alarms?state=${all ? "all" : "open"}`, { signal }) });
+  const list = alarmList({ signal, withAsset: true, load: (all) => get(`v1/alarms?state=${all ? "all" : "open"}`, { signal }) });
   root.append(list.root);
   await list.refresh();
   connected(true);

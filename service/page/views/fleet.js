@@ -101,7 +101,7 @@ function empty() {
         " (the service prints its endpoint when it starts);"),
       element("li", {}, "or import your own measurement: ", element("code", {}, "gear-twin import mapping.toml --source today.csv --out today.mcap"),
         ", then replay it;"),
-      element("li", {}, "or publish live frames under the keys of the interface (", element("a", { href: "/docs" }, "REST and streams"), ").")));
+      element("li", {}, "or publish live frames under the keys of the interface (", element("a", { href: "docs" }, "REST and streams"), ").")));
 }
 
 // The address of the first page of what is chosen.
@@ -111,7 +111,7 @@ function addressOf({ text, level, area, retired }) {
   if (area !== null) given.set("area", area);
   for (const one of level === "attention" ? ATTENTION : [level].filter(Boolean)) given.append("level", one);
   if (!retired) given.set("retired", "false");
-  return `/v1/assets?${given}`;
+  return `v1/assets?${given}`;
 }
 
 function filters(filter, chosen) {
@@ -130,7 +130,7 @@ export async function show(root, { signal, get, connected }) {
   let pages = [addressOf(filter)]; // the addresses of the pages up to the one that is shown
   const newest = newestOf(async () => {
     const at = pages.at(-1);
-    const [page, areas] = await Promise.all([getPage(at, { signal }), get("/v1/areas", { signal })]);
+    const [page, areas] = await Promise.all([getPage(at, { signal }), get("v1/areas", { signal })]);
     return { at, page, areas };
   });
   let found = await newest();

@@ -51,7 +51,6 @@ from twin.tracing.tooth_patterns import (
     rms_of,
     tooth_shifts,
 )
-from twin.tracing.tooth_patterns import NEAR as REACH
 from twin.wear.profile import WornProfile
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
@@ -88,6 +87,10 @@ class CrackThresholds:
         meaning="what a change has within two tooth pitches of its place",
         source=TUNED + ", by changes of the whole turn",
     )
+    same_teeth: float = deciding(
+        2.0, unit="tooth pitches", meaning="distance of two steps that are of one growing crack",
+        source="derivation: what a softer tooth changes lies within two pitches",
+    )  # fmt: skip
     least_quiet: float = deciding(
         0.0167,
         of="pinion graduation error",
@@ -253,7 +256,7 @@ def local_change(
     steps = np.array([rms_of(b - a) for a, b in pairwise(X)])
     least = limits.least_quiet * scales.graduation[0]
     noise = max(float(np.median(steps)) * np.sqrt(2 / m.size), least)
-    begins = _changes(X, m, z, limits.suddenness, least)
+    begins = _changes(X, m, z, limits, least)
     candidates = []
     for at, before, size in begins:
         change = X[at : at + NEAR].mean(axis=0) - X[max(before - NEAR, 0) : before].mean(axis=0)
@@ -275,7 +278,9 @@ def local_change(
     return LocalChange(window=before, shown=tuple(range(at, min(at + NEAR, len(seen)))), lines=change, noise=noise)
 
 
-def _changes(X: np.ndarray, m: np.ndarray, z: int, suddenness: float, least: float) -> list[tuple[int, int, float]]:
+def _changes(
+    X: np.ndarray, m: np.ndarray, z: int, limits: CrackThresholds, least: float
+) -> list[tuple[int, int, float]]:
     """Sudden changes at some teeth: the window that shows one whole, the first that shows it, and its largest step [m].
 
     X  lines of every window (w, n); least  change that is assumed from window to window at least [m]
@@ -286,24 +291,28 @@ def _changes(X: np.ndarray, m: np.ndarray, z: int, suddenness: float, least: flo
     out = []
     for i in range(len(steps)):
         there = local[:, place[i]]
-        enough = there[i] / suddenness
+        enough = there[i] / limits.suddenness
         others = np.delete(there, i)
         alone = max(np.median(others), there[i - 1] if i else 0.0) if others.size else 0.0
         if enough > max(alone, least):
             out.append((i + 1, i + 1, float(there[i])))
         elif i and enough > max(there[0], least):
             first = i
-            while first and _same_place(place[first - 1], place[i], z) and _is_local(steps[first - 1], m, z):
+            while (
+                first
+                and _apart(place[first - 1], place[i], z) <= limits.same_teeth
+                and _is_local(steps[first - 1], m, z)
+            ):
                 first -= 1
             if 0 < first < i and enough > there[:first].max():
                 out.append((i + 1, first + 1, float(there[i])))
     return out
 
 
-def _same_place(one: int, other: int, z: int) -> bool:
-    """Whether two places of a gear's turn, of FINE·z, are within the teeth that one crack changes."""
+def _apart(one: int, other: int, z: int) -> float:
+    """Distance of two places of a gear's turn, of FINE·z [tooth pitches]."""
     whole = FINE * z
-    return abs((int(one) - int(other) + whole // 2) % whole - whole // 2) <= REACH * FINE
+    return abs((int(one) - int(other) + whole // 2) % whole - whole // 2) / FINE
 
 
 def _is_local(change: np.ndarray, m: np.ndarray, z: int, least: float = 0.0) -> bool:

@@ -1,0 +1,207 @@
+"""What a reader finds in a file, part by part: one that cannot be used is left out with its reason, the rest is read.
+
+What a file states about its values is used, or named in a note:
+
+    value = stored·scale_factor + add_offset        NaN where `_FillValue`, `missing_value` or the valid range says so
+
+Source   NetCDF Users Guide, Appendix A (attribute conventions); CF Conventions 1.11, sections 2.5 and 8.1
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from functools import partial
+from operator import getitem
+from typing import Any
+
+import numpy as np
+
+from service.files.readers.table import Column, Table, array_columns, group_of
+
+UNITS = ("unit", "units", "unitstring", "niunitdescription", "unitlabel")
+RATES = (
+    "sampleratehz", "samplerate", "samplingrate", "samplingratehz", "samplingfrequency", "samplefrequency",
+    "samplefreq", "samplingfreq", "fs", "fshz", "rate", "abtastrate", "samplespersecond",
+)  # fmt: skip
+STEPS = ("dt", "timestep", "sampleinterval", "samplinginterval", "sampleperiod", "samplingperiod", "wfincrement",
+    "increment", "deltat")  # fmt: skip
+LIKE_A_SCALE = re.compile(r"scal|offset|gain|sensitiv|calib|slope|conver|factor|fill|missing|valid|range", re.I)
+USED = {"scalefactor", "addoffset", "fillvalue", "missingvalue", "validmin", "validmax", "validrange"}
+
+
+def plain(name: str) -> str:
+    """The name of a property without what notations differ in."""
+    return re.sub(r"[^a-z0-9]", "", str(name).lower())
+
+
+def numbers_of(value: Any) -> np.ndarray:
+    """A property's numbers, also of one as text or as an array of one; empty where it has none."""
+    if isinstance(value, bytes):
+        value = value.decode(errors="replace")
+    if isinstance(value, str):
+        value = [part for part in re.split(r"[\s,;\[\]]+", value) if part]
+    try:
+        return np.ravel(np.asarray(value)).astype(float)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+def number_in(stated: Mapping[str, Any], names: Sequence[str]) -> float | None:
+    """The one positive number that a property of one of these names states."""
+    own = {plain(name): value for name, value in stated.items()}
+    for name in names:
+        found = numbers_of(own[name]) if name in own else np.empty(0)
+        if found.size == 1 and np.isfinite(found[0]) and found[0] > 0:
+            return float(found[0])
+    return None
+
+
+def rate_in(stated: Mapping[str, Any]) -> float | None:
+    """The sample rate that properties state, or the inverse of their step [Hz]."""
+    rate, step = number_in(stated, RATES), number_in(stated, STEPS)
+    return rate or (1 / step if step else None)
+
+
+def unit_in(stated: Mapping[str, Any]) -> str:
+    """The unit that properties state; empty where they state none."""
+    own = {plain(name): value for name, value in stated.items()}
+    for name in UNITS:
+        for value in np.ravel(own.get(name, ())):
+            return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+    return ""
+
+
+def as_stated(name: str, values: np.ndarray, stated: Mapping[str, Any]) -> tuple[np.ndarray, list[str]]:
+    """Values as the file means them; notes on what it states of them and is not used."""
+    own = {plain(key): numbers_of(value) for key, value in stated.items()}
+    odd = [k for k in stated if LIKE_A_SCALE.search(k) and (plain(k) not in USED or not own[plain(k)].size)]
+    notes = [f"{name!r} states {k} = {_short(stated[k])}, which is not applied" for k in odd]
+    given = {key: own[key] for key in USED if key in own and own[key].size}
+    if not given or values.dtype.kind not in "fiu":
+        return values, notes
+    if str(stated.get("_Unsigned", "")).lower() == "true" and values.dtype.kind == "i":
+        values = values.view(values.dtype.str.replace("i", "u"))
+    out = np.array(values, dtype=float)
+    missing = np.isin(out, np.concatenate([given.get(k, np.empty(0)) for k in ("fillvalue", "missingvalue")]))
+    low, high = (
+        given.get("validrange", np.empty(0))[:2] if given.get("validrange", np.empty(0)).size == 2 else (None, None)
+    )
+    low = given["validmin"][0] if "validmin" in given else low
+    high = given["validmax"][0] if "validmax" in given else high
+    missing |= (out < low) if low is not None else False
+    missing |= (out > high) if high is not None else False
+    scale, offset = given.get("scalefactor", np.ones(1)), given.get("addoffset", np.zeros(1))
+    out = out * scale[0] + offset[0]
+    out[missing] = np.nan
+    if missing.any():
+        notes.append(f"{name!r}: {np.count_nonzero(missing)} of {out.size} values are missing, as the file states")
+    return out, notes
+
+
+def _short(value: Any) -> str:
+    text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+    return text if len(text) <= 40 else f"{text[:37]}…"
+
+
+@dataclass(slots=True, kw_only=True)
+class Contents:
+    """The parts of a file that have been read so far."""
+
+    format: str
+    columns: list[Column] = field(default_factory=list)
+    numbers: dict[str, float] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    starts: dict[str, datetime] = field(default_factory=dict)  # of columns that have one of their own
+
+    def add(
+        self,
+        name: str,
+        read: Callable[[], Any],
+        stated: Mapping[str, Any] | None = None,
+        *,
+        unit: str = "",
+        rate: float | None = None,
+        start: float = 0.0,
+        started: datetime | None = None,
+        times: np.ndarray | None = None,
+    ) -> None:
+        """One part: its values are had by `read`, whose failure leaves this part out; `stated` are its properties."""
+        stated = stated or {}
+        try:
+            array = np.asarray(read())
+        except Exception as error:  # of a library that met an odd part: each raises its own
+            said = (str(error).splitlines() or [""])[0]
+            self.left_out[name] = (
+                "unequal parts" if "inhomogeneous" in said else f"cannot be read: {said or type(error).__name__}"
+            )
+            return
+        if array.dtype.names:
+            for part in array.dtype.names:
+                self.add(
+                    f"{name}.{part}", partial(getitem, array, part), stated, rate=rate, start=start, started=started
+                )
+            return
+        is_time = array.dtype.kind in "mM"
+        if is_time and array.size > 1:
+            array, unit = _seconds(array), "s"
+        if array.size == 1 and array.dtype.kind in "fiub":
+            self.numbers[name] = float(array.item())
+            return
+        array, notes = as_stated(name, array, stated)
+        self.notes += notes
+        found = array_columns(name, array, unit or unit_in(stated), rate or rate_in(stated), start)
+        if not found:
+            self.left_out[name] = why_no_column(array)
+        for column in found:
+            self.columns.append(replace(column, times=times, is_time=is_time))
+            if started is not None:
+                self.starts[column.name] = started
+
+    def table(self, started: datetime | None = None) -> Table:
+        """The file; each column that has a start of its own begins there, the file with the first of them."""
+        first = min(self.starts.values(), default=started)
+        columns = []
+        for column in self.columns:
+            own = self.starts.get(column.name)
+            later = (own - first).total_seconds() if own is not None and first is not None else 0.0
+            rate = column.rate or self._rate_beside(column)
+            columns.append(replace(column, start=column.start + later, rate=rate))
+        scales = [n for n in self.numbers if LIKE_A_SCALE.search(group_of(n)[1])]
+        self.notes += [f"the number {n!r} = {self.numbers[n]:g} is not applied" for n in scales]
+        return Table(
+            format=self.format, columns=tuple(columns), numbers=self.numbers, started=first, notes=tuple(self.notes),
+            left_out=self.left_out,
+        )  # fmt: skip
+
+    def _rate_beside(self, column: Column) -> float | None:
+        """The rate that a single number of the column's group, or of one around it, states [Hz]."""
+        group = column.name
+        while group and column.times is None:
+            group = group_of(group)[0]
+            beside = {group_of(n)[1]: v for n, v in self.numbers.items() if group_of(n)[0] == group}
+            if (rate := rate_in(beside)) is not None:
+                return rate
+        return None
+
+
+def why_no_column(array: np.ndarray) -> str:
+    """Why an array is no column of numbers."""
+    if array.size == 0:
+        return "empty"
+    if array.dtype.kind == "O" and all(np.ndim(v) == 1 for v in array.flat):
+        return f"lists of {np.size(array.flat[0])} values, one list a row"
+    if array.dtype.kind not in "fiub":
+        kinds = {"c": "complex numbers", "U": "text", "S": "text", "M": "one date", "m": "one duration"}
+        return f"{kinds.get(array.dtype.kind, 'of mixed kinds')}, not real numbers"
+    return f"an array of {' × '.join(str(n) for n in array.shape)} values, no row of at most 256 channels"
+
+
+def _seconds(moments: np.ndarray) -> np.ndarray:
+    """Moments or durations as seconds after the first; NaN of one that is missing."""
+    first = moments.flat[np.argmax(~np.isnat(moments))]
+    out = (moments - first) / np.timedelta64(1, "ns").astype("timedelta64[ns]")
+    return np.asarray(out, dtype=float) * 1e-9
