@@ -138,9 +138,18 @@ class SegmentSender:
     def _move_all(self) -> None:
         waiting = sorted(recordings_in(self._folder), key=lambda each: each[2])
         self._waiting = len(waiting)
+        failures = []
         for path, *_ in waiting:
-            self._move(path)
-            self._waiting -= 1
+            try:
+                self._move(path)
+            except Exception as error:  # one that cannot be moved holds up no other
+                failures.append((path, error))
+            else:
+                self._waiting -= 1
+        if failures:
+            path, error = failures[0]
+            others = f", and {len(failures) - 1} others" if len(failures) > 1 else ""
+            raise StoreError(f"{path}{others}: {error}") from error
 
     def _move(self, path: Path) -> None:
         try:

@@ -71,6 +71,12 @@ LINES: tuple[Line, ...] = (
         "None; a channel that stays away shows in the windows. Look at its sensor and its publisher then.",
     ),
     Line(
+        "service.stream.inbox",
+        "a frame could not be taken in, %d since the start: %r",
+        "An exception in a callback of the network; said once a minute, counted in callback_errors.",
+        _REPORT,
+    ),
+    Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",

@@ -22,7 +22,7 @@ from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
 from service.results.schema import AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
-from service.results.window_file import SUFFIX, read_window, write_window
+from service.results.window_file import SUFFIX, read_window, sync_folder, write_window
 from service.steady_clock import later_time_ns
 from twin.windows import Window
 
@@ -135,24 +135,27 @@ class AssetLife:
 
     # -- windows that wait ---------------------------------------------------------------------------
 
+    def write(self, window: Window) -> int:
+        """Writes a window that is to wait, before the transaction, which others wait for; its size in bytes."""
+        return write_window(self._unnumbered(), window)
+
     def add_waiting(
-        self, asset: str, window: Window, beside: Sequence[WaitingWindow] | None = None
+        self, asset: str, window: Window, beside: Sequence[WaitingWindow] | None = None, size: int | None = None
     ) -> WaitingWindow | None:
-        """Keeps a window until its turn comes; None where there is no room. Within a transaction.
+        """Keeps a window until its turn comes; None where there is no room. Its file is durable before the commit.
 
         beside  the windows of the asset that wait already, where the caller has just read them
+        size    what `write` answered, where the caller has written it before its transaction
         """
         waiting = self.waiting(asset) if beside is None else beside
         if len(waiting) >= WAITING_WINDOWS or sum(w.bytes for w in waiting) >= WAITING_BYTES:
             return None
-        assert self.folder is not None
+        size = self.write(window) if size is None else size
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            new = self.folder / temporary_name(os.getpid())
-            size = write_window(new, window)
             row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size}
             number = self._database.add(db, WAITING, row)
-            new.replace(self._path(number))
+            sync_folder(self._unnumbered().replace(self._path(number)).parent)
         return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
@@ -195,6 +198,10 @@ class AssetLife:
         with self.transaction() as db:
             self._database.ensure(db, other)
             db.execute(update(WAITING).where(WAITING.c.asset == asset).values(asset=other))
+
+    def _unnumbered(self) -> Path:
+        assert self.folder is not None
+        return self.folder / temporary_name(os.getpid())
 
     def _path(self, number: int) -> Path:
         assert self.folder is not None

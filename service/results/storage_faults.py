@@ -79,7 +79,8 @@ def _meaning(error: BaseException) -> tuple[StorageFault | None, bool]:
         return None, False
     state = error.sqlstate
     if state is None:  # of the connection itself, before the server could say anything
-        return ("connection lost", False) if type(error).__name__ == "OperationalError" else (None, False)
+        lost = any(kind.__name__ == "OperationalError" for kind in type(error).__mro__)
+        return ("connection lost" if lost else None), False
     fault = next((POSTGRESQL_FAULTS[state[:n]] for n in (5, 3, 2) if state[:n] in POSTGRESQL_FAULTS), None)
     return fault, state in POSTGRESQL_DAMAGED
 

@@ -51,6 +51,15 @@ def write_window(path: Path, window: Window) -> int:
     return size
 
 
+def sync_folder(folder: Path) -> None:
+    """Makes the names of a folder's files durable, which those of the files' contents are not by themselves."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 def read_window(path: Path) -> Window:
     """The window of a file; OSError, ValueError or KeyError where it cannot be read."""
     try:

@@ -27,6 +27,8 @@ from twin.observed import TRACING, observed_by
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
+OTHER_VERSION = "it was written by another version of gear-twin; use that version, or another --data directory"
+DAMAGED = "it is damaged, or this is an internal error; restore a backup, or report it"
 UNREADABLE = "stored_window"  # kind of the fault of a window whose file cannot be read
 
 
@@ -159,8 +161,10 @@ def carry_out(call: Call) -> Made:
         data = call.state.to_dict()
         try:
             state = call.twin.load_state(data) if data else call.twin.new_state()
-        except (TwinError, LookupError, TypeError, ValueError, AttributeError) as error:
-            return Made(unreadable=f"{type(error).__name__}: {error}")
+        except TwinError as error:
+            return Made(unreadable=f"{error}: {OTHER_VERSION}")
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            return Made(unreadable=f"{type(error).__name__}: {error}: {DAMAGED}")
         call = replace(call, state=state)
     given = call.ask.about
     window = {"window": iso_time(given.start_ns)} if isinstance(given, WindowToUse) else {}

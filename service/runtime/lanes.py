@@ -401,10 +401,7 @@ def _load(lane: Lane) -> None:
 
 
 def _unreadable(lane: Lane, reason: str) -> str:
-    return (
-        f"the stored state of {lane.asset} cannot be read ({reason}): it was written by another version of gear-twin; "
-        "use that version, or another --data directory"
-    )
+    return f"the stored state of {lane.asset} cannot be read: {reason}"
 
 
 def _is_one_disturbed(lane: Lane, entry: Entry, made: Made) -> bool:

@@ -1,6 +1,7 @@
 """Windows that have closed are made durable before anything else becomes of them.
 
-The window's file, what names it in the database, and where its asset's stream goes on after it are one transaction.
+The window's file is written first; its name, what names it in the database, and where its asset's stream goes on after
+it are one transaction.
 From then on the window is acknowledged, and no end of the process loses it. It waits until its asset's turn comes;
 the transaction that commits its results ends the wait.
 
@@ -111,14 +112,14 @@ class Spool:
         asset, window = closed.asset, closed.window
         lane = self._lanes.of(asset)
         self._make_room(lane)
-        start_ns, added = window.start_time_ns, None
+        start_ns, added, size = window.start_time_ns, None, self._life.write(window)
         try:
             with self._life.transaction():
                 waiting = self._life.waiting(asset)
                 if waiting and waiting[-1].start_ns == start_ns:  # kept by an earlier attempt that did not know it
                     kept: WaitingWindow | None = waiting[-1]
                 else:
-                    kept = added = self._life.add_waiting(asset, window, waiting)
+                    kept = added = self._life.add_waiting(asset, window, waiting, size)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
             if added is not None and not getattr(error, "unknown", False):

@@ -9,6 +9,8 @@ waiting. The loop is given the stretch in place of the frames, so that no window
 
 from __future__ import annotations
 
+import logging
+import math
 import threading
 import time
 from collections import Counter, deque
@@ -32,9 +34,12 @@ MOST_CHANNELS = 256  # of one stream that are announced
 MOST_LEFT_OUT = 64  # streams that are not admitted whose frames' numbers are known
 _SHARE = 0.5  # of all room that one stream may have
 _FREED = 0.25  # share of a stream's queue that is left out at once, at least
+SAY_ERRORS_EVERY = 60.0  # that an exception of a callback is logged [s]
 _KNOWN_TOPICS = 8192  # whose channels need not be parsed again
 
 BAD_KEY, CLOSED = "bad_key", "closed"
+
+log = logging.getLogger(__name__)
 
 
 class Arrival(NamedTuple):
@@ -165,6 +170,7 @@ class Inbox:
         self.received = 0
         self.refused: Counter[str] = Counter()  # frames by cause
         self.errors = 0  # exceptions in callbacks
+        self._say_error_at = -math.inf  # on the clock, when the next of them is logged [s]
 
     def offer(self, topic: str, payload: bytes, source: str | None = None) -> bool:
         """Puts one payload in, with who published it; False where it had to be left out."""
@@ -234,11 +240,17 @@ class Inbox:
     def guarded(
         self, topic: Callable[[], str], payload: Callable[[], bytes], source: Callable[[], str | None] = lambda: None
     ) -> None:
-        """As `offer`, for callbacks whose exceptions nobody would see: they are counted."""
+        """As `offer`, for callbacks whose exceptions nobody would see: they are counted, and logged once in a while."""
         try:
             self.offer(topic(), payload(), source())
-        except Exception:
-            self.errors += 1
+        except Exception as error:
+            with self._changed:
+                self.errors += 1
+                count, now = self.errors, self._clock()
+                due = now >= self._say_error_at
+                self._say_error_at = now + SAY_ERRORS_EVERY if due else self._say_error_at
+            if due:
+                log.warning("a frame could not be taken in, %d since the start: %r", count, error, exc_info=error)
 
     def take(self, timeout: float) -> Item | None:
         """The next item of the stream whose turn it is, or None after the timeout [s]."""

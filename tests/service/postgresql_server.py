@@ -58,6 +58,16 @@ class PostgresqlServer:
         """As the machine's power going."""
         os.kill(int((self._data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
 
+    @contextmanager
+    def frozen(self):
+        """The server takes connections and answers none, as one that is suspended."""
+        first = int((self._data / "postmaster.pid").read_text().split()[0])
+        os.kill(first, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            os.kill(first, signal.SIGCONT)
+
     def url(self, name):
         return f"postgresql://twin@127.0.0.1:{self.port}/{name}"
 

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 
 import fake_twin
 import pytest
@@ -195,3 +196,23 @@ def test_a_service_s_segments_are_assessed_as_one_recording(tmp_path):
     outcome = assess_one(work, found)
     answer = json.loads((tmp_path / "results" / outcome.result).read_text())
     assert answer["windows"] == expected["windows"]
+
+
+@pytest.mark.parametrize("asset", ["a", "m", "z"])
+def test_a_recording_that_cannot_be_moved_holds_up_no_other(tmp_path, monkeypatch, asset):
+    store, put = Store(tmp_path), SegmentSender._put
+
+    def refusing(self, path, name, start):
+        if name == asset:
+            raise ValueError("such a name cannot be kept")
+        put(self, path, name, start)
+
+    monkeypatch.setattr(SegmentSender, "_put", refusing)
+    for name in ("a", "b", "m", "z"):
+        store.record(replace(frame, channel=frame.channel._replace(asset=name)) for frame in bursts(1))
+    sender = store.sender()
+    try:
+        wait_until(lambda: len(store.objects) == 3 and sender.figures()["raw_segments_failed"], 10.0)
+        assert len(store.waiting) == 1 and sender.figures()["raw_segments_waiting"] == 1
+    finally:
+        sender.end()

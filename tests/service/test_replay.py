@@ -22,7 +22,7 @@ from service.runtime.record import record
 from service.runtime.replay import paced, replay, shuffled, twice
 from service.runtime.twin_port import Twin
 from service.stream.assembly import Assembler
-from service.stream.inbox import BAD_KEY, Inbox
+from service.stream.inbox import BAD_KEY, SAY_ERRORS_EVERY, Inbox
 from service.stream.sources.mcap import RawFrame, Recording, read_windows
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode, encoding_of
@@ -217,6 +217,18 @@ def test_keys_that_break_the_contract_and_faults_in_callbacks_are_counted():
     inbox.guarded(lambda: "gearbox/a/torque/motor", lambda: b"")
     inbox.guarded(lambda: "gearbox/a/accel/y6", lambda: 1 / 0)
     assert (inbox.refused, inbox.errors, inbox.depth) == ({BAD_KEY: 1}, 1, 0)
+
+
+def test_exceptions_of_callbacks_are_logged_once_in_a_while_and_all_counted(caplog):
+    now = [100.0]
+    inbox = Inbox(clock=lambda: now[0])
+    for _ in range(1000):
+        inbox.guarded(lambda: "gearbox/a/accel/y6", lambda: 1 / 0)
+    assert [("ZeroDivisionError" in r.getMessage(), r.exc_info is not None) for r in caplog.records] == [(True, True)]
+    now[0] += SAY_ERRORS_EVERY
+    inbox.guarded(lambda: "gearbox/a/accel/y6", lambda: b"", lambda: 1 / 0)
+    assert inbox.errors == 1001 and "1001 since the start" in caplog.records[-1].getMessage()
+    assert len(caplog.records) == 2
 
 
 def test_a_paced_replay_keeps_the_time_of_the_recording():

@@ -13,7 +13,7 @@ import service_fakes as fakes
 from service.errors import StorageUnavailable, StoreError
 from service.results import backends
 from service.results.sql_store import SqlStore
-from service.results.storage_faults import storage_error
+from service.results.storage_faults import is_away, storage_error
 
 LONG = random.Random(1).randbytes(100_000).hex()  # what no compression makes much smaller
 
@@ -84,3 +84,45 @@ def test_damage_is_not_taken_for_a_fault_that_passes():
     meant = storage_error(PostgresqlError("XX001"), "the database")
     assert isinstance(meant, StoreError) and not isinstance(meant, StorageUnavailable)
     assert storage_error(PostgresqlError("23505"), "the database") is None  # a duplicate key is the program's fault
+
+
+class OperationalError(Exception):
+    sqlstate = None
+
+
+class ConnectionTimeout(OperationalError):
+    """As that of psycopg."""
+
+
+class LostWhileItWasAsked(ConnectionTimeout):
+    """As a later release of a driver may have it."""
+
+
+class NotSupportedError(Exception):
+    sqlstate = None
+
+
+@pytest.mark.parametrize("kind", [OperationalError, ConnectionTimeout, LostWhileItWasAsked])
+def test_every_kind_of_a_lost_connection_is_a_lost_connection(kind):
+    assert is_away(storage_error(kind("connection timeout expired"), "the database"))
+    assert storage_error(NotSupportedError("no such thing"), "the database") is None
+
+
+@pytest.mark.parametrize("opened", [False, True])
+def test_a_server_that_is_frozen_is_away_until_it_goes_on(postgresql_server, monkeypatch, opened):
+    monkeypatch.setattr(backends, "CONNECT_WAIT", 2)
+    with postgresql_server.new_database() as url:
+        with SqlStore(url) as store:
+            fakes.take(store, None, "unsw", 0, 100.0)
+            if opened:  # its connections are lost, and new ones are not answered
+                store.database.close()
+                with postgresql_server.frozen(), pytest.raises(StorageUnavailable) as caught:
+                    fakes.take(store, None, "unsw", 1, 200.0)
+                assert is_away(caught.value)
+                assert fakes.take(store, None, "unsw", 1, 200.0)
+        if not opened:
+            with postgresql_server.frozen(), pytest.raises(StorageUnavailable) as caught:
+                SqlStore(url)
+            assert is_away(caught.value)
+            with SqlStore(url) as store:
+                assert [w.record["index"] for w in store.windows("unsw")] == [0]

@@ -98,8 +98,15 @@ def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
     json.dumps(outcomes[-1].state.to_dict(), allow_nan=False)
 
 
-@pytest.mark.parametrize("harm", [{"schema_version": 99}, "not a state", {"memory": []}])
-def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(path, harm, caplog):
+@pytest.mark.parametrize(
+    ("harm", "cure"),
+    [
+        ({"schema_version": 99}, "by another version of gear-twin; use that version, or another --data directory"),
+        ("not a state", "it is damaged, or this is an internal error; restore a backup, or report it"),
+        ({"memory": []}, "it is damaged, or this is an internal error; restore a backup, or report it"),
+    ],
+)
+def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(path, harm, cure, caplog):
     with sqlite3.connect(path) as edit:
         edit.execute("UPDATE assets SET state = ? WHERE asset = 'bench'", (json.dumps(harm),))
     edit.close()
@@ -111,7 +118,7 @@ def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting
             entry = Entry(start_ns=0, window=Window(start_time_ns=0))
             pipeline.lanes.put(asset, entry, store.asset(asset).assembly)
     (said,) = [r.message for r in caplog.records]
-    assert "stored state of bench cannot be read" in said and said.endswith("another --data directory")
+    assert "stored state of bench cannot be read" in said and said.endswith(cure)
     assert [o.asset for o in outcomes] == ["unsw-rig"] and pipeline.lanes.backlog("bench") == 1
 
 
