@@ -1,7 +1,7 @@
 """When a file says that it was recorded: dates with a time of day, as people and loggers write them.
 
-A date without a zone stays a local time (a `datetime` without `tzinfo`) until somebody states the zone: UTC is never
-assumed. `03/04/2026` is two days, and so no date; nor is a day without a time of day, or a year before 1971, at which
+A date without a zone stays a local time (a `datetime` without `tzinfo`) until somebody states the zone; where nobody
+does, UTC stands for it, and that is said. `03/04/2026` is two days, and so no date; nor is a day without a time of day, or a year before 1971, at which
 clocks begin that were never set.
 """
 
@@ -137,15 +137,18 @@ def zone_of(text: str) -> tzinfo:
         raise InputError(f"zone = {text!r} must be the name of a zone such as Europe/Berlin, +01:00 or UTC") from None
 
 
-def in_zone(where: str, moment: datetime, zone: str | None) -> datetime:
-    """A moment with its zone; InputError of a local time whose zone is not stated, or that came twice or never."""
+def in_zone(where: str, moment: datetime, zone: str | None) -> tuple[datetime, str]:
+    """A moment with its zone, and a note where nobody states it and UTC stands for it.
+
+    InputError of a local time that came twice in its zone, or never.
+    """
     if moment.tzinfo is not None:
-        return moment
+        return moment, ""
     said = f"{where}: it began at {moment:%Y-%m-%d %H:%M:%S} by a clock whose zone is not stated"
     if zone is None:
-        raise InputError(f"{said}; give --zone, such as Europe/Berlin, +01:00 or UTC")
+        return moment.replace(tzinfo=UTC), f"{said}, taken for UTC; give --zone, such as Europe/Berlin, +01:00 or UTC"
     first, second = (moment.replace(tzinfo=zone_of(zone), fold=fold) for fold in (0, 1))
     if first.utcoffset() != second.utcoffset():
         ways = " or ".join(each.strftime("%z") for each in (first, second))
         raise InputError(f"{said}: on that night the clocks of {zone} were set; give --zone {ways}")
-    return first
+    return first, ""

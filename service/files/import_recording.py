@@ -105,13 +105,12 @@ def written_recording(
     if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
-    began = _began(data, data_file)
+    began, undated = _began(data, data_file)
     started = began or CLOCK_START
     counted = counted_edges(data)
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
     notes = _notes(data, data_file, counted)
-    if began is None:
-        notes["started"] = _undated(data_file)
+    notes |= {"started": undated} if undated else {}
     rig, said = with_age(mapping)
     notes |= {"age": said} if said else {}
     metadata = {
@@ -139,16 +138,17 @@ def written_recording(
     }
 
 
-def _began(data: DataFile, data_file: Path) -> datetime | None:
-    """When the recording begins, as stated by a person, else by the file; None where nobody states it."""
+def _began(data: DataFile, data_file: Path) -> tuple[datetime | None, str]:
+    """When the recording begins, as stated by a person, else by the file, and what is not sure of it."""
     mapping = data.mapping
     stated = mapping.started or data.started
     if stated is None:
-        return None
-    began = in_zone(mapping.where if mapping.started else str(data_file), stated, mapping.zone)
+        return None, _undated(data_file)
+    began, unsure = in_zone(mapping.where if mapping.started else str(data_file), stated, mapping.zone)
     if began > datetime.now(UTC) + timedelta(seconds=AGREES):
-        raise InputError(f"{data_file}: begins at {began.isoformat()}, which is in the future; correct its date")
-    return began
+        cure = unsure or f"{data_file}: correct its date"
+        raise InputError(f"{data_file}: begins at {began.isoformat()}, which is in the future; {cure}")
+    return began, unsure
 
 
 def _undated(data_file: Path) -> str:

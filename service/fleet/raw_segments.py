@@ -147,9 +147,9 @@ class SegmentSender:
             else:
                 self._waiting -= 1
         if failures:
-            path, error = failures[0]
+            path, first = failures[0]
             others = f", and {len(failures) - 1} others" if len(failures) > 1 else ""
-            raise StoreError(f"{path}{others}: {error}") from error
+            raise StoreError(f"{path}{others}: {first}") from first
 
     def _move(self, path: Path) -> None:
         try:

@@ -156,10 +156,11 @@ def test_the_date_in_a_files_metadata_is_when_the_recording_begins(tmp_path, imp
     assert datetime.fromisoformat(started) == BEGAN
 
 
-def test_a_local_time_is_never_taken_for_utc(tmp_path, imported):
+def test_a_local_time_is_never_taken_for_utc_in_silence(tmp_path, imported):
     csv(tmp_path / "run.csv", "Datum: 12.03.2026 08:14:00\n")
-    with pytest.raises(InputError, match="2026-03-12 08:14:00 by a clock whose zone is not stated; give --zone"):
-        imported(tmp_path / "run.csv", "Acc (g)")
+    found, started, _ = imported(tmp_path / "run.csv", "Acc (g)")
+    assert "2026-03-12 08:14:00 by a clock whose zone is not stated, taken for UTC" in found["notes"]["started"]
+    assert datetime.fromisoformat(started) == datetime(2026, 3, 12, 8, 14, tzinfo=UTC)
     _, started, _ = imported(tmp_path / "run.csv", "Acc (g)", 'zone = "Europe/Berlin"')
     assert datetime.fromisoformat(started) == BEGAN
 
@@ -168,7 +169,7 @@ def test_an_hour_that_came_twice_is_asked_for_its_offset():
     night = datetime(2025, 10, 26, 2, 30)
     with pytest.raises(InputError, match=r"clocks of Europe/Berlin were set; give --zone \+0200 or \+0100"):
         in_zone("run.csv", night, "Europe/Berlin")
-    assert in_zone("run.csv", night, "+0200") == datetime(2025, 10, 26, 0, 30, tzinfo=UTC)
+    assert in_zone("run.csv", night, "+0200") == (datetime(2025, 10, 26, 0, 30, tzinfo=UTC), "")
 
 
 def test_a_file_without_a_date_is_offered_its_own_time_and_replayed_by_no_service(tmp_path, imported):
