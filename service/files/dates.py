@@ -1,8 +1,8 @@
 """When a file says that it was recorded: dates with a time of day, as people and loggers write them.
 
 A date without a zone stays a local time (a `datetime` without `tzinfo`) until somebody states the zone; where nobody
-does, UTC stands for it, and that is said. `03/04/2026` is two days, and so no date; nor is a day without a time of day, or a year before 1971, at which
-clocks begin that were never set.
+does, UTC stands for it, and that is said. `03/04/2026` is two days, and so no date; nor is a day without a time of day,
+or a year before 1971, at which clocks begin that were never set.
 """
 
 from __future__ import annotations
