@@ -72,7 +72,7 @@ LINES: tuple[Line, ...] = (
     ),
     Line(
         "service.stream.inbox",
-        "a frame could not be taken in, %d since the start: %r",
+        "a frame could not be received, %d such errors since the start: %r",
         "An exception in a callback of the network; said once a minute, counted in callback_errors.",
         _REPORT,
     ),

@@ -250,7 +250,9 @@ class Inbox:
                 due = now >= self._say_error_at
                 self._say_error_at = now + SAY_ERRORS_EVERY if due else self._say_error_at
             if due:
-                log.warning("a frame could not be taken in, %d since the start: %r", count, error, exc_info=error)
+                log.warning(
+                    "a frame could not be received, %d such errors since the start: %r", count, error, exc_info=error
+                )
 
     def take(self, timeout: float) -> Item | None:
         """The next item of the stream whose turn it is, or None after the timeout [s]."""

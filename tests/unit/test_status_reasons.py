@@ -136,6 +136,7 @@ OTHERS = {  # that tell how something was found, and nothing of the machine
     "RawLimit.decides_alone",
     "RmsEstimate.converged",
     "RmsEstimate.updated",
+    "SensorIndicators.calibrated",
     "SmallestSize.hidden",
     "WindowAssessment.modelled",
     "WindowAssessment.updated",
