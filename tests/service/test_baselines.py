@@ -33,11 +33,12 @@ pinion_speed_hz = {speed}
 
 
 def recording(folder, name, teeth=TEETH, **what):
+    started = what.pop("started", "2026-03-12T08:14:00Z")
     window = machine(what.pop("load", 0.42), what.pop("seed", 99), **what)
     columns, mapping, out = (folder / f"{name}.{end}" for end in ("npz", "toml", "mcap"))
     np.savez(columns, **{k: s.values for k, s in window.accelerations.items()})
     mapping.write_text(MAPPING.format(rate=RATE, z1=teeth[0], z2=teeth[1], speed=SPEED))
-    import_recording(mapping, out, source=columns)
+    import_recording(mapping, out, source=columns, started=started)
     return out
 
 

@@ -26,7 +26,8 @@ def brought(shared, tmp_path_factory):
 
     def one(name, source):
         out = folder / f"{source.split('.')[0]}.mcap"
-        import_recording(MAPPINGS / f"{name}.toml", out, source=shared / "measured" / name / source)
+        file = shared / "measured" / name / source
+        import_recording(MAPPINGS / f"{name}.toml", out, source=file, started="2020-10-28T00:00:00Z")
         return out
 
     return one

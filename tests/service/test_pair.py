@@ -22,6 +22,7 @@ from twin.windows import Window
 MAPPING = """
 schema = "gear-import/1"
 asset = "two-encoders"
+started = 2026-03-12T08:14:00Z
 [file]
 path = "levels.npz"
 sample_rate_hz = {rate}
