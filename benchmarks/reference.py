@@ -42,6 +42,7 @@ MEANINGS = {
     "sensors.accelerometer": "coordinate at which the reference accelerometer sits",
     "sensors.band_hz": "band of the vibration level",
     "sensors.temperature": "places of the temperature channels",
+    "sensors.uncalibrated": "channels whose unit is not known, such as `accel/y6`; `import` writes it",
     "sensors.ranges.accel": "full scale, one number or one for each sensor",
     "sensors.ranges.torque": "full scale, one number or one for each shaft",
     "operating.pinion_speed_hz": "nominal speed",

@@ -8,7 +8,6 @@ is replaced, and a transaction whose commit was not answered is asked for by its
 from __future__ import annotations
 
 import itertools
-import sqlite3
 import threading
 import uuid
 from collections.abc import Iterator
@@ -34,7 +33,7 @@ EXAMINED_BYTES = 100 * 2**20  # of a file that SQLite checks at each start: 0.3 
 READERS = 8  # connections that are kept for reading; as many more are opened when needed
 SILENT_AFTER = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 20_000}
 """When a server that no longer answers counts as lost: [s], [s], tries, [ms]."""
-NO_SHARED_MEMORY = (sqlite3.SQLITE_IOERR_SHMOPEN, sqlite3.SQLITE_IOERR_SHMMAP, sqlite3.SQLITE_IOERR_SHMLOCK)
+NO_SHARED_MEMORY = ("SQLITE_IOERR_SHMOPEN", "SQLITE_IOERR_SHMMAP", "SQLITE_IOERR_SHMLOCK")
 """Errors of a file system that has no memory in common for the processes that have a file open."""
 
 
@@ -229,8 +228,8 @@ def _log_ahead(connection: Any) -> None:
     """Has a connection of SQLite use the write-ahead log; StoreError where the file system does not allow it."""
     try:
         ((mode,),) = connection.execute("PRAGMA journal_mode = WAL")
-    except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode not in NO_SHARED_MEMORY:
+    except Exception as error:
+        if getattr(error, "sqlite_errorname", None) not in NO_SHARED_MEMORY:
             raise
         mode = str(error)
     if mode != "wal":

@@ -122,7 +122,7 @@ class Delivery:
         if not self._publisher.linked(frame.channel):
             self._send_again()
         if (stream, frame.channel.label) in self._first:  # no gap would show later that it was lost
-            self._until(lambda: True)
+            self._until(lambda: True, or_refused=True)
         self._publisher.publish(frame)
         self._keep(frame)
         self._since_asked[0] += 1
@@ -148,8 +148,8 @@ class Delivery:
 
     # -- waiting -------------------------------------------------------------------------------------
 
-    def _until(self, enough: Callable[[], bool]) -> None:
-        """Asks until all frames sent have come and it is enough."""
+    def _until(self, enough: Callable[[], bool], *, or_refused: bool = False) -> None:
+        """Asks until all frames sent have come and it is enough, or a service says why it takes none at present."""
         pause, progress = _ASK_AGAIN[0], (self.settled, 0)
         moved = answered = arrived = self._clock()
         sent_again = 0
@@ -160,6 +160,8 @@ class Delivery:
                 answered = arrived = self._clock()
             come, said = self._ask()
             self._note_reason()
+            if or_refused and self._reason:
+                return
             now = self._clock()
             if said:
                 answered = now
@@ -182,11 +184,15 @@ class Delivery:
                     self._give_up(answered=True)
                 self._send_again()
                 arrived = self._clock()
-            if now - moved > _NOTE_AFTER and not self._noted:
-                self._noted = True
-                self._note(f"waiting for the service to store {len(self._kept)} frames")
+            self._note_waiting(now - moved)
             self._sleep(pause)
             pause = min(2 * pause, _ASK_AGAIN[1] if self._reason is None else _ASK_REFUSED)
+
+    def _note_waiting(self, seconds: float) -> None:
+        """Says once what is waited for."""
+        if seconds > _NOTE_AFTER and not self._noted:
+            self._noted = True
+            self._note(f"waiting for the service to store {len(self._kept)} frames")
 
     def _note_reason(self) -> None:
         """Says at once why frames are not used, where that is new."""

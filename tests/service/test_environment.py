@@ -56,12 +56,13 @@ def test_workers_take_the_modules_of_the_service_whatever_lies_where_it_is_start
         (tmp_path / lying).parent.mkdir(exist_ok=True)
         (tmp_path / lying).write_text("# another module of this name\n")
     monkeypatch.chdir(tmp_path)
+    before = os.environ.get("PYTHONPATH")
     end_server()
     pool = Pool(workers=1)
     try:
         pool.window("a")
         assert pool.wait(1)[0].refused is None
-        assert "PYTHONSAFEPATH" not in os.environ and os.environ["PYTHONPATH"] == str(ROOT)
+        assert "PYTHONSAFEPATH" not in os.environ and os.environ.get("PYTHONPATH") == before
     finally:
         pool.processes.close()
         end_server()
@@ -382,20 +383,20 @@ def test_a_service_does_not_begin_where_sqlite_cannot_have_a_write_ahead_log(tmp
 
 
 def test_shared_memory_that_cannot_be_mapped_is_said_at_the_start(tmp_path):
-    connection = SimpleNamespace(execute=failing(sqlite3.SQLITE_IOERR_SHMMAP))
+    connection = SimpleNamespace(execute=failing("SQLITE_IOERR_SHMMAP"))
     with pytest.raises(StoreError, match="does not allow the write-ahead log"):
         backends._log_ahead(connection)
-    connection.execute = failing(sqlite3.SQLITE_FULL)
+    connection.execute = failing("SQLITE_FULL")
     with pytest.raises(sqlite3.OperationalError):
         backends._log_ahead(connection)
 
 
-def failing(code):
-    """A statement that SQLite ends with a code."""
+def failing(name):
+    """A statement that SQLite ends with an error of this name."""
 
     def execute(_):
         error = sqlite3.OperationalError("disk I/O error")
-        error.sqlite_errorcode = code
+        error.sqlite_errorname = name
         raise error
 
     return execute
