@@ -168,8 +168,11 @@ def test_commit_that_a_crash_has_undone_is_not_taken_for_that_of_another_transac
 ):
     """PostgreSQL gives the number of a transaction that it had not written yet to another one after a crash.
 
-    A window was acknowledged and lost, one in some hundred kills of a server that several workers wrote to.
+    A window was acknowledged and lost, one in some hundred kills of a server that several workers wrote to. The server
+    writes its log at commits alone here, so that nothing of the transaction is written before it is killed.
     """
+    postgresql_server.sql("ALTER SYSTEM SET wal_writer_delay = '10s'")
+    postgresql_server.sql("SELECT pg_reload_conf()")
     with SqlStore(postgresql) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
         dialect = store.database._writer.dialect
