@@ -16,7 +16,7 @@ from twin.errors import ParameterError
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
-PERIODS = 4.4  # common periods of the shafts in a window: the baseline needs 4, and the first and last turn are cut
+PERIODS, CUT = 4, 2  # common periods of the shafts that a baseline needs, and turns of the pinion cut at the ends
 LONGEST = 120.0  # of a window of a slow machine [s]
 
 
@@ -58,7 +58,7 @@ def assembly_for(rig: Rig, base: AssemblySettings) -> AssemblySettings:
     if not speed or rig.has("gears.module") or not rig.has("gears.pinion.teeth", "gears.gear.teeth"):
         return own
     common = Fraction(*rig.teeth).denominator  # pinion turns after which the same teeth meet
-    return replace(own, length=min(max(base.length, PERIODS * common / speed), max(LONGEST, base.length)))
+    return replace(own, length=min(max(base.length, (PERIODS * common + CUT) / speed), max(LONGEST, base.length)))
 
 
 def window_of_rig(rig: Rig, window: Window) -> Window:

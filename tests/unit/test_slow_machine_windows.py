@@ -17,7 +17,7 @@ def rig(speed, pinion=23, gear=57, **more):
     ("known", "length"),
     [
         (rig(25.0, 19, 38), 10.0),  # 1:2, 4 common periods of 2 turns: 10 s hold them
-        (rig(5.0), 4.4 * 57 / 5.0),
+        (rig(5.0), (4 * 57 + 2) / 5.0),
         (rig(2.0, 20, 40), 10.0),
         (rig(0.5), 120.0),
         (rig(5.0, module=0.004), 10.0),  # of a machine with a model 10 s say enough
