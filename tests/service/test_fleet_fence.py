@@ -37,6 +37,8 @@ def test_an_asset_belongs_to_the_same_partition_everywhere():
     ("asset", "area"),
     [("unsw", ""), ("press-1", "press"), ("plant.line-2.gb_7", "plant.line-2"), ("a_b-c", "a_b"), (".x", "")],
 )
+
+pytestmark = pytest.mark.slow
 def test_the_area_is_what_the_name_states(asset, area):
     assert area_of(asset) == area
 

@@ -154,6 +154,7 @@ SAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_a_container_and_its_probes_run_with_the_variables_that_its_cluster_sets(name, tmp_path):
     assert TEMPLATES[name]["spec"]["enableServiceLinks"] is False  # though they do no harm
