@@ -24,6 +24,8 @@ from service.results.sql_store import SqlStore
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
+pytestmark = pytest.mark.slow
+
 
 def test_an_asset_belongs_to_the_same_partition_everywhere():
     assert [partition_of(name, 16) for name in ("unsw", "press-1", "plant.line.gb7")] == [8, 15, 11]
@@ -37,8 +39,6 @@ def test_an_asset_belongs_to_the_same_partition_everywhere():
     ("asset", "area"),
     [("unsw", ""), ("press-1", "press"), ("plant.line-2.gb_7", "plant.line-2"), ("a_b-c", "a_b"), (".x", "")],
 )
-
-pytestmark = pytest.mark.slow
 def test_the_area_is_what_the_name_states(asset, area):
     assert area_of(asset) == area
 
