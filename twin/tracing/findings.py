@@ -149,7 +149,7 @@ class Findings:
         return tuple(f for f in self.effects if f.addition.effect.facts.acts_on == "teeth")
 
     def forces_beside_teeth(self, lines: Sequence[ShaftLine]) -> tuple[ShaftForce, ...]:
-        """The suspected forces that teeth do not imitate: all where none differ, else those whose lines teeth cannot make.
+        """The suspected forces that teeth do not imitate: all where none differ, else those that push on the housing.
 
         lines  those at orders of the pinion that no displacement in the mesh makes
         """
