@@ -77,6 +77,26 @@ LINES: tuple[Line, ...] = (
         _REPORT,
     ),
     Line(
+        "service.results.asset_life",
+        "%s: the database is older than the files of its windows: from %s on, %d windows that had been received are "
+        "not stored, and are stored when they are sent again",
+        "The database was put back, or its server has lost what it had confirmed: it names windows whose files went "
+        "when they were processed.",
+        "Send the recordings from that time on again; publishers that keep their frames do so by themselves.",
+    ),
+    Line(
+        "service.fleet.heartbeat",
+        "partition %d is silent until its loops turn again: %s",
+        "A loop of the partition's worker hangs or has ended; it counts as not served meanwhile.",
+        "Look at what it waits for: the database, a disk. Where it does not go on, end its process: another begins.",
+    ),
+    Line(
+        "service.fleet.listener",
+        "a notification of partition %d could not be followed: %r",
+        "An exception while what a front end has written was taken up; all is looked at with the next connection.",
+        _REPORT,
+    ),
+    Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",

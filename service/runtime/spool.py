@@ -119,7 +119,7 @@ class Spool:
                 if waiting and waiting[-1].start_ns == start_ns:  # kept by an earlier attempt that did not know it
                     kept: WaitingWindow | None = waiting[-1]
                 else:
-                    kept = added = self._life.add_waiting(asset, window, waiting, size)
+                    kept = added = self._life.add_waiting(asset, window, waiting, size, lane.assembly)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
             if added is not None and not getattr(error, "unknown", False):

@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 WAITING = "windows that have been received wait in memory"
+ANSWERED_WITHIN = 2.5  # of what is asked of the storage, in a service that is ready [s]
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0  # between two attempts [s]; publishers wait longer than that
 
 
@@ -34,6 +35,7 @@ class StorageWatch:
         self._pause = FIRST_PAUSE
         self._next = 0.0
         self._cause: str | None = None
+        self._asked: float | None = None  # since when an answer is waited for
         self.reason: str | None = None
         self.failures = 0
 
@@ -42,15 +44,27 @@ class StorageWatch:
         """Whether the next attempt is not due yet."""
         return self.reason is not None and self._clock() < self._next
 
+    @property
+    def unusable(self) -> str | None:
+        """Why the storage cannot be used at present, also while an answer of it is waited for; for any thread."""
+        waited = 0.0 if (asked := self._asked) is None else self._clock() - asked
+        if waited > ANSWERED_WITHIN:
+            return f"{self._where} has not answered for {waited:.0f} s: {WAITING}"
+        return self.reason
+
     def attempt(self, action: Callable[[], T]) -> tuple[bool, T | None]:
         """Does what needs the storage, unless it pauses; whether it was done, and what it answered."""
         if self.pausing:
             return False, None
+        outer = self._asked
+        self._asked = self._clock() if outer is None else outer
         try:
             answer = action()
         except (StoreError, OSError) as error:
             self.failed(error)
             return False, None
+        finally:
+            self._asked = outer
         return True, answer
 
     def failed(self, error: StoreError | OSError, meanwhile: str = WAITING) -> None:

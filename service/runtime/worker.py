@@ -13,12 +13,13 @@ from typing import Any, TypeVar
 from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable, StorageUnavailable
-from service.operation.health import RECEPTION, WORKERS, Health
+from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
 from service.results.change_queue import ChangeQueue
+from service.results.commit_marks import probe
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
@@ -59,7 +60,7 @@ from service.stream.inbox import Inbox
 from service.stream.repeats import Repeats
 from service.transport.protocol import OpenTransport, Transport
 
-LOOK = 5.0  # between two looks whether the database still answers [s]
+LOOK = 2.0  # between two looks whether the storage can be written [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 TICK = 0.1  # between two looks whether the storage may be tried again [s]
 AT_START = "the service goes on as soon as it can be read"
@@ -183,7 +184,8 @@ class Worker(threading.Thread):
 
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
-        return self._reason or self._lost() or self._storage.reason or self._computing.unusable()
+        late = "; ".join(map(str, self._health.late(READY)))
+        return self._reason or self._lost() or self._storage.unusable or self._computing.unusable() or late or None
 
     def position(self, stream: str) -> PositionModel:
         """How far a stream is stored, as it was published last, and whether its frames are used now."""
@@ -308,7 +310,7 @@ class Worker(threading.Thread):
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
-        streams = self._streams = Streams(life, intake, self._is_retired, lambda: storage.reason, kept.unknown)
+        streams = self._streams = Streams(life, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
         kept.unknown.begin(
             lambda stream: board.get(streams.asset_of(stream)) is not None, (*board.assets(), *streams.routed)
         )
@@ -379,7 +381,7 @@ class Worker(threading.Thread):
             self._try_again(self._storage, spool, lanes)
         elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
             self._look_at = time.monotonic() + LOOK
-            self._storage.attempt(self._kept.store.assets)
+            self._storage.attempt(partial(probe, self._kept.store.database))
         storage_status()
         while lanes.stopped:
             asset, reason = lanes.stopped.pop()
@@ -392,14 +394,8 @@ class Worker(threading.Thread):
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
-        if spool.retry() and lanes.retry() and storage.attempt(self._probe)[0]:
+        if spool.retry() and lanes.retry() and storage.attempt(partial(probe, self._kept.store.database))[0]:
             storage.worked()
-
-    def _probe(self) -> None:
-        """Writes what is there already."""
-        for asset in self._kept.store.assets()[:1]:
-            quality = self._kept.store.asset(asset).quality
-            self._kept.store.keep(asset, **({} if quality is None else {"quality": quality}))
 
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.board.get(asset)

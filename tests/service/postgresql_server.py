@@ -56,17 +56,21 @@ class PostgresqlServer:
 
     def kill(self):
         """As the machine's power going."""
-        os.kill(int((self._data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
+        os.kill(self.first_process, signal.SIGKILL)
 
     @contextmanager
     def frozen(self):
         """The server takes connections and answers none, as one that is suspended."""
-        first = int((self._data / "postmaster.pid").read_text().split()[0])
-        os.kill(first, signal.SIGSTOP)
+        os.kill(first := self.first_process, signal.SIGSTOP)
         try:
             yield
         finally:
             os.kill(first, signal.SIGCONT)
+
+    @property
+    def first_process(self):
+        """The one that starts all others."""
+        return int((self._data / "postmaster.pid").read_text().split()[0])
 
     def url(self, name):
         return f"postgresql://twin@127.0.0.1:{self.port}/{name}"
