@@ -97,6 +97,12 @@ LINES: tuple[Line, ...] = (
         _REPORT,
     ),
     Line(
+        "service.fleet.raw_segments",
+        "%s stays in the spool: the object store takes others, but not this one: %s",
+        "A raw recording cannot be moved, for its name or what it holds; it is tried again every five minutes.",
+        "Look at the reason; move the file by hand, or delete it.",
+    ),
+    Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",
