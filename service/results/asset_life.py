@@ -159,7 +159,7 @@ class AssetLife:
         size: int | None = None,
         before: Mapping[str, Any] | None = None,
     ) -> WaitingWindow | None:
-        """Keeps a window until its turn comes; None where there is no room. Its file is durable before the commit.
+        """Keeps a window until its turn comes; None where there is no room. Its file is durable once `sync` returns.
 
         beside  the windows of the asset that wait already, where the caller has just read them
         size    what `write` answered, where the caller has written it before its transaction
@@ -173,8 +173,16 @@ class AssetLife:
             self._database.ensure(db, asset)
             row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size, "before": dump(before)}
             number = self._database.add(db, WAITING, row)
-            sync_folder(self._unnumbered().replace(self._path(number)).parent)
+            self._unnumbered().replace(self._path(number))
         return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
+
+    def sync(self) -> None:
+        """Makes the names of the files of windows durable, after the transaction, which others wait for.
+
+        Until then nothing is acknowledged: a row whose file has lost its name in a power cut is one to step back from.
+        """
+        assert self.folder is not None
+        sync_folder(self.folder)
 
     def step_back(self) -> None:
         """Has each asset go on before the first of its windows that wait without their file, so that they come again.

@@ -125,6 +125,7 @@ class Spool:
             if added is not None and not getattr(error, "unknown", False):
                 self._life.delete_file(added.id)  # of no window now
             raise
+        self._life.sync()
         if kept is None:
             entry = Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
         else:
