@@ -17,8 +17,6 @@ from service.runtime.worker import Kept
 
 log = logging.getLogger(__name__)
 
-UNFOLLOWED = "a notification of partition %d could not be followed: %r"
-
 LOOK_EVERY = 5.0  # without a notification [s]
 PAUSE = 1.0  # after a connection was lost [s]
 STOP_WAIT = 3.0  # [s]
@@ -60,7 +58,9 @@ class Listener(threading.Thread):
             except psycopg.Error as error:
                 log.debug("the notifications of partition %d: %s", self._partition, error)
             except Exception as error:  # whatever it is, the next connection looks at everything
-                log.warning(UNFOLLOWED, self._partition, error, exc_info=error)
+                log.warning(
+                    "a notification of partition %d could not be followed: %r", self._partition, error, exc_info=error
+                )
             self._stopping.wait(PAUSE)
 
     def end(self) -> None:

@@ -33,11 +33,6 @@ log = logging.getLogger(__name__)
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
 WAITING_BYTES = 2**30  # ... and what they may take on disk
 
-STEPPED_BACK = (
-    "%s: the database is older than the files of its windows: from %s on, %d windows that had been received are not "
-    "stored, and are stored when they are sent again"
-)
-
 _CHANGE = select(CHANGES).order_by(CHANGES.c.id)
 _ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
 _WAITING = _ALL_WAITING.where(WAITING.c.asset == bindparam("of"))
@@ -202,7 +197,14 @@ class AssetLife:
                     continue
                 db.execute(_GO_ON_FROM.values(assembly=dump(before or None)), {"of": asset})
                 ended = db.execute(_END_WAITING_FROM, {"of": asset, "number": gone.id}).rowcount
-            log.warning(STEPPED_BACK, asset, iso_time(gone.start_ns), ended, extra={"asset": asset})
+            log.warning(
+                "%s: the database is older than the files of its windows: from %s on, %d windows that had been "
+                "received are not stored, and are stored when they are sent again",
+                asset,
+                iso_time(gone.start_ns),
+                ended,
+                extra={"asset": asset},
+            )
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
