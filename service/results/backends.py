@@ -145,7 +145,7 @@ class SqliteFile:
         pass
 
     def engines(self) -> tuple[Engine, Engine]:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._make_file()
         writer = self._engine(["synchronous = FULL", "foreign_keys = ON"], pool_size=1, max_overflow=0)
         event.listen(writer, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
         with writer.connect():
@@ -155,10 +155,16 @@ class SqliteFile:
         return writer, reader
 
     def for_migration(self) -> Engine:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._make_file()
         engine = self._engine(["synchronous = FULL", "foreign_keys = OFF"], poolclass=NullPool)
         event.listen(engine, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
         return engine
+
+    def _make_file(self) -> None:
+        """A new file is its owner's alone; those that SQLite keeps beside it have its mode."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if not self.path.exists():
+            self.path.touch(mode=0o600)
 
     def for_reading(self) -> Engine:
         return self._engine(["query_only = ON"], poolclass=NullPool)

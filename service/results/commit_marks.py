@@ -70,6 +70,15 @@ def marked(
     return Mark(writer, number, str(transaction))
 
 
+def is_there(connection: Any, mark: Mark) -> bool:
+    """Whether a server has what it had confirmed; by a new connection of its driver."""
+    with connection.cursor() as cursor:
+        cursor.execute("SELECT number FROM commits WHERE writer = %s", (mark.writer,))
+        found = cursor.fetchone()
+    connection.commit()
+    return found is not None and found[0] >= mark.number
+
+
 @cache
 def _mark(held: sa.Select | None = None) -> Any:
     """Writes the row of whoever writes; answers the server's number of the transaction.

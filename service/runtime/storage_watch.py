@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from service.errors import StorageUnavailable, StoreError
+from service.errors import SteppedBack, StorageUnavailable, StoreError
 from service.results.storage_faults import storage_error
 
 log = logging.getLogger(__name__)
@@ -60,6 +60,8 @@ class StorageWatch:
         self._asked = self._clock() if outer is None else outer
         try:
             answer = action()
+        except SteppedBack:  # nothing that is remembered holds any more: the process ends, and is started again
+            raise
         except (StoreError, OSError) as error:
             self.failed(error)
             return False, None

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from contextlib import ExitStack
 
 import fake_twin
 import pytest
+from postgresql_server import PostgresqlServer, programs
 from service_streams import Service, wait_until, write_recording
 
+from service.cli import run
+from service.errors import SteppedBack
 from service.json_text import plain
 from service.results.data_folder import DATABASE, WAITING
 from service.runtime.assess import assess
@@ -131,6 +135,54 @@ def test_windows_that_a_database_put_back_does_not_have_are_stored_when_they_are
         wait_until(lambda: position(running) == before)
     finally:
         running.end(signal.SIGKILL)
+
+
+@pytest.mark.serve_only("the server of a fleet is that of all tests")
+@pytest.mark.slow
+def test_a_service_whose_server_fails_over_to_one_that_lags_ends_and_goes_on_from_what_is_there(tmp_path, recording):
+    """It went on from what it remembered: windows that the server had lost were never stored again."""
+    expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
+    if programs() is None:
+        pytest.skip("PostgreSQL is not installed (Debian's package postgresql)")
+    with PostgresqlServer() as server, server.new_database() as url:
+        running = Service(tmp_path, slow=1.0, DATABASE=url).start()
+        try:
+            replay(recording, [running.endpoint], 0)
+            running.wait_for_windows(2)
+            server.stop("immediate")
+            shutil.copytree(server.data, server.folder / "lagging")
+            _owned_as(server.folder / "lagging", server.data)
+            server.start()
+            assert running.wait_for_windows(WINDOWS) == expected
+            server.stop("immediate")
+            server.data.rename(server.folder / "first")
+            (server.folder / "lagging").rename(server.data)
+            server.start()
+            assert running.process.wait(30) == 1
+            assert "does not have what it had confirmed" in running.said()[1]
+            running.slow = 0.0
+            running.start()
+            replay(recording, [running.endpoint], 0)
+            assert running.wait_for_windows(WINDOWS) == expected
+        finally:
+            running.end(signal.SIGKILL)
+
+
+def test_a_service_that_ends_because_its_database_stepped_back_is_one_that_is_to_be_started_again(monkeypatch, capsys):
+    """Exit status 2 is that of mistakes in the settings, after which nobody starts it again."""
+
+    def ended(settings):
+        raise SteppedBack("the database does not have what it had confirmed", reason="connection lost")
+
+    monkeypatch.setattr("service.runtime.serve.run", ended)
+    assert run(["serve"]) == 1
+    assert capsys.readouterr().err == "gear-twin: the database does not have what it had confirmed\n"
+
+
+def _owned_as(copy, folder):
+    owner = folder.stat()
+    for path in (copy, *copy.rglob("*")):
+        os.chown(path, owner.st_uid, owner.st_gid, follow_symlinks=False)
 
 
 def test_an_asset_of_which_nothing_was_committed_begins_anew(tmp_path, recording):
