@@ -151,7 +151,7 @@ def test_a_last_row_that_was_cut_off_is_left_out_and_told(bench, capsys, cut):
     path = bench.folder / "data.csv"
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, ",".join(lines[-1].split(",")[:cut])]))
-    assert run(["import", str(bench()), "-o", str(bench.folder / "out.mcap")]) == 0
+    assert run(["import", str(bench()), "--out", str(bench.folder / "out.mcap")]) == 0
     assert capsys.readouterr().err.count("note: the last row is cut off and left out") == 1
     _, _, (window,) = read_windows(bench.folder / "out.mcap")
     assert window.accelerations["top"].values.size == len(lines) - 1
