@@ -8,7 +8,7 @@ ServiceError
 │       ├── DamageError          something kept that is not what was written: which row
 │       ├── NewerTables          tables that a newer program wrote: this one changes nothing in them
 │       └── StorageUnavailable   storage that fails now and may work again later: full, read-only, locked, not connected
-│           └── SteppedBack      a database without what it had confirmed: a new start goes on from there (exit status 1)
+│           └── SteppedBack      a database without what it had confirmed: a new start goes on from there (status 1)
 ├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
 └── DeliveryError    a stream that could not be delivered or joined in time
     └── NotReachable     the other side does not answer yet; it may later

@@ -152,8 +152,8 @@ class SegmentSender:
                 self._waiting -= 1
         if failures and len(failures) == len(due):  # the store is at fault, unless it takes something else
             self._opened().put(PROBE, b"gear-twin")
-        for path, error in failures.items():
-            self._set_aside(path, error)
+        for path, failure in failures.items():
+            self._set_aside(path, failure)
 
     def _set_aside(self, path: Path, error: Exception) -> None:
         """Leaves a recording that the store does not take in the spool; it is tried again with the longest pause."""
