@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import sqlalchemy as sa
 from service_streams import wait_until
 
@@ -11,6 +12,8 @@ from service.fleet.heartbeat import Heartbeat
 from service.fleet.layout import PARTITIONS
 from service.operation.health import RECEPTION, Health
 from service.results.sql_store import SqlStore
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_worker_whose_reception_hangs_is_silent_until_it_turns_again(fleet, caplog):

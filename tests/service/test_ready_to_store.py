@@ -24,6 +24,7 @@ from service.runtime.replay import replay
 from service.runtime.storage_watch import ANSWERED_WITHIN, StorageWatch
 
 WINDOWS = 5
+pytestmark = pytest.mark.serve_only("takes away the database that one service has to itself")
 TOLD = 5.0  # within which `/readyz` says so [s]
 WRITERS = "SELECT pid FROM pg_stat_activity WHERE application_name LIKE 'gear-twin service%%'"
 
@@ -81,6 +82,7 @@ def test_storage_that_does_not_answer_is_unusable_while_it_is_waited_for():
     assert watch.unusable is None and watch.failures == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["removed", "replaced"])
 @pytest.mark.parametrize("asset", [False, True])
 def test_a_file_that_is_taken_away_makes_a_service_unready_until_it_is_back(tmp_path, recording, how, asset):
@@ -101,6 +103,7 @@ def test_a_file_that_is_taken_away_makes_a_service_unready_until_it_is_back(tmp_
         assert running.said()[1].count("can be used again") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["one session", "server"])
 def test_a_server_that_is_suspended_while_a_recording_is_sent_is_said_and_waited_for(
     tmp_path, recording, postgresql, postgresql_server, which
@@ -123,6 +126,7 @@ def test_a_server_that_is_suspended_while_a_recording_is_sent_is_said_and_waited
         assert not sent.is_alive() and "Traceback" not in running.said()[1]
 
 
+@pytest.mark.slow
 def test_an_idle_service_says_that_its_open_connection_is_answered_no_more(tmp_path, postgresql, postgresql_server):
     with started(tmp_path, DATABASE=postgresql) as running:
         with frozen([pid for (pid,) in postgresql_server.sql(WRITERS)]):
@@ -131,6 +135,7 @@ def test_an_idle_service_says_that_its_open_connection_is_answered_no_more(tmp_p
         wait_until(running.ready)
 
 
+@pytest.mark.slow
 def test_a_connection_that_is_not_answered_is_given_up_and_a_service_of_its_own_is_no_other(
     postgresql, postgresql_server, monkeypatch
 ):

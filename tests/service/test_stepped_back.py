@@ -20,6 +20,7 @@ from service.runtime.assess import assess
 from service.runtime.replay import replay
 
 WINDOWS = 6
+pytestmark = pytest.mark.serve_only("puts back the database that one service has to itself")
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +138,6 @@ def test_windows_that_a_database_put_back_does_not_have_are_stored_when_they_are
         running.end(signal.SIGKILL)
 
 
-@pytest.mark.serve_only("the server of a fleet is that of all tests")
 @pytest.mark.slow
 def test_a_service_whose_server_fails_over_to_one_that_lags_ends_and_goes_on_from_what_is_there(tmp_path, recording):
     """It went on from what it remembered: windows that the server had lost were never stored again."""
@@ -185,6 +185,7 @@ def _owned_as(copy, folder):
         os.chown(path, owner.st_uid, owner.st_gid, follow_symlinks=False)
 
 
+@pytest.mark.slow
 def test_an_asset_of_which_nothing_was_committed_begins_anew(tmp_path, recording):
     expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
     running = Service(tmp_path, slow=30.0).start()
@@ -201,6 +202,7 @@ def test_an_asset_of_which_nothing_was_committed_begins_anew(tmp_path, recording
         running.end(signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_windows_before_the_first_without_a_file_are_processed_and_those_behind_it_come_again(tmp_path, recording):
     """In their order, so that the twin sees the same as without it."""
     expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
