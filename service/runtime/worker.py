@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
-from service.errors import NotReachable, StorageUnavailable
+from service.errors import NotReachable, SteppedBack, StorageUnavailable
 from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
 from service.results.asset_life import AssetLife
@@ -261,7 +261,7 @@ class Worker(threading.Thread):
             try:
                 made = prepare()
             except StorageUnavailable as error:
-                if error.reason == "damaged":
+                if error.reason == "damaged" or isinstance(error, SteppedBack):
                     raise
                 self._storage.failed(error, AT_START)
             else:
