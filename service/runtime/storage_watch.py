@@ -20,6 +20,7 @@ T = TypeVar("T")
 
 WAITING = "windows that have been received wait in memory"
 ANSWERED_WITHIN = 2.5  # of what is asked of the storage, in a service that is ready [s]
+LASTING = 3.0  # after which it is worth nobody's while to wait until it can be used again [s]
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0  # between two attempts [s]; publishers wait longer than that
 
 
@@ -36,6 +37,7 @@ class StorageWatch:
         self._next = 0.0
         self._cause: str | None = None
         self._asked: float | None = None  # since when an answer is waited for
+        self._since = 0.0  # when it first failed, where it cannot be used
         self.reason: str | None = None
         self.failures = 0
 
@@ -43,6 +45,11 @@ class StorageWatch:
     def pausing(self) -> bool:
         """Whether the next attempt is not due yet."""
         return self.reason is not None and self._clock() < self._next
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the storage has failed for more than a moment."""
+        return self.reason is not None and self._clock() - self._since > LASTING
 
     @property
     def unusable(self) -> str | None:
@@ -74,6 +81,7 @@ class StorageWatch:
         meant = error if isinstance(error, StoreError) else storage_error(error, self._where) or error
         cause = meant.reason if isinstance(meant, StorageUnavailable) else str(meant)
         self.failures += 1
+        self._since = self._clock() if self.reason is None else self._since
         self._pause = FIRST_PAUSE if self.reason is None else min(2.0 * self._pause, LONGEST_PAUSE)
         self._next = self._clock() + self._pause
         self.reason = f"{meant}: {meanwhile}"

@@ -382,7 +382,7 @@ class Worker(threading.Thread):
         elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
             self._look_at = time.monotonic() + LOOK
             self._storage.attempt(partial(probe, self._kept.store.database))
-        if self._storage.reason is not None:
+        if self._storage.lasts:
             self._kept.decisions.release()
             self._kept.changes.release()
         storage_status()
