@@ -28,7 +28,7 @@ from service.results.claims import Claims
 from service.results.commit_marks import Mark, marked, was_committed
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
-STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
+STATEMENT_WAIT = 40.0  # how long one statement of the service may take on a server; two, within a loop's turn [s]
 CONNECT_WAIT = 5  # how long a server is waited for [s]
 ANSWER_WAIT = 5.0  # beyond the time of a statement, until a server that says nothing is given up [s]
 EXAMINED_BYTES = 100 * 2**20  # of a file that SQLite checks at each start: 0.3 s or less
