@@ -20,11 +20,12 @@ from sqlalchemy import Connection, Select, bindparam, delete, select, text, upda
 
 from service.contract.base import iso_time
 from service.errors import StoreError
+from service.results.commit_marks import probe
 from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
 from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
-from service.results.window_file import SUFFIX, read_window, sync_folder, write_window
+from service.results.window_file import SUFFIX, UNFINISHED, read_window, sync_folder, write_window
 from service.steady_clock import later_time_ns
 from twin.windows import Window
 
@@ -32,6 +33,7 @@ log = logging.getLogger(__name__)
 
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
 WAITING_BYTES = 2**30  # ... and what they may take on disk
+PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
 _CHANGE = select(CHANGES).order_by(CHANGES.c.id)
 _ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
@@ -170,6 +172,15 @@ class AssetLife:
             number = self._database.add(db, WAITING, row)
             self._unnumbered().replace(self._path(number))
         return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
+
+    def probe(self) -> None:
+        """Writes to the folder and to the database, as a window is written; StoreError or OSError where that fails."""
+        path = self._unnumbered().with_suffix(UNFINISHED)
+        try:
+            path.write_bytes(bytes(PROBE_BYTES))
+        finally:
+            path.unlink(missing_ok=True)
+        probe(self._database)
 
     def sync(self) -> None:
         """Makes the names of the files of windows durable, after the transaction, which others wait for.

@@ -19,7 +19,6 @@ from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
 from service.results.change_queue import ChangeQueue
-from service.results.commit_marks import probe
 from service.results.decision_queue import DecisionQueue
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
@@ -381,7 +380,7 @@ class Worker(threading.Thread):
             self._try_again(self._storage, spool, lanes)
         elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
             self._look_at = time.monotonic() + LOOK
-            self._storage.attempt(partial(probe, self._kept.store.database))
+            self._storage.attempt(self._kept.life.probe)
         if self._storage.lasts:
             self._kept.decisions.release()
             self._kept.changes.release()
@@ -397,7 +396,7 @@ class Worker(threading.Thread):
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
-        if spool.retry() and lanes.retry() and storage.attempt(partial(probe, self._kept.store.database))[0]:
+        if spool.retry() and lanes.retry() and storage.attempt(self._kept.life.probe)[0]:
             storage.worked()
 
     def _is_retired(self, asset: str) -> bool:

@@ -16,7 +16,7 @@ from service_streams import Service, wait_until, write_recording
 from service.errors import StorageUnavailable
 from service.json_text import plain
 from service.results import backends, claims
-from service.results.data_folder import DATABASE
+from service.results.data_folder import DATABASE, WAITING
 from service.results.sql_store import SqlStore
 from service.results.storage_faults import is_away
 from service.runtime.assess import assess
@@ -101,6 +101,19 @@ def test_a_file_that_is_taken_away_makes_a_service_unready_until_it_is_back(tmp_
         away.rename(file)
         wait_until(running.ready)
         assert running.said()[1].count("can be used again") == 1
+
+
+@pytest.mark.slow
+def test_a_folder_of_windows_that_cannot_be_written_makes_an_idle_service_unready(tmp_path):
+    """It was seen with the next window, which had been sent to a service that said that it was ready."""
+    with started(tmp_path) as running:
+        folder = tmp_path / WAITING
+        folder.rename(tmp_path / "away")
+        wait_until(lambda: not running.ready(), TOLD)
+        stays_unready(running)
+        (tmp_path / "away").rename(folder)
+        wait_until(running.ready)
+        assert not list(folder.glob("*.npz")) and running.said()[1].count("can be used again") == 1
 
 
 @pytest.mark.slow
