@@ -8,6 +8,7 @@ ServiceError
 │       ├── DamageError          something kept that is not what was written: which row
 │       ├── NewerTables          tables that a newer program wrote: this one changes nothing in them
 │       └── StorageUnavailable   storage that fails now and may work again later: full, read-only, locked, not connected
+│           └── SteppedBack      a database without what it had confirmed: a new start goes on from there (status 1)
 ├── NotKept      raw signals that are not on disk, or not any more: which window, and which are
 └── DeliveryError    a stream that could not be delivered or joined in time
     └── NotReachable     the other side does not answer yet; it may later
@@ -68,6 +69,10 @@ class StorageUnavailable(StoreError):
     def __init__(self, message: str, *, reason: StorageFault, unknown: bool = False) -> None:
         super().__init__(message)
         self.reason, self.unknown = reason, unknown
+
+
+class SteppedBack(StorageUnavailable):
+    """A database that does not have what it had confirmed to this process, which remembers more than is there."""
 
 
 class NotKept(ServiceError):

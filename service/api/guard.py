@@ -188,7 +188,7 @@ def described(schema: dict[str, Any], app: FastAPI) -> None:
 
 def _demand_own_origin(request: Request) -> None:
     """Refused where a page of another origin makes a browser write."""
-    origin = request.headers.get("origin")
+    origin = request.headers.get("origin", request.headers.get("referer"))  # older browsers send that alone
     if origin is None:
         if request.headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none"):
             return

@@ -30,8 +30,7 @@ async def healthz(request: Request) -> Any:
     if not late:
         return JSONResponse({"status": "ok"})
     loops = [{"loop": each.name, "since": iso_time(each.since_ns)} for each in late]
-    detail = "; ".join(f"{each['loop']}: no turn since {each['since']}" for each in loops)
-    return problem(request, 503, detail, loops=loops)
+    return problem(request, 503, "; ".join(map(str, late)), loops=loops)
 
 
 @router.get("/readyz", response_model=models.Readiness, responses=responses(503))

@@ -22,7 +22,7 @@ EXTRAS = {
 def run(arguments: Sequence[str]) -> int:
     """Runs one command; answers its exit status."""
     from service.cli.commands import app
-    from service.errors import DeliveryError, InputError, InputErrors
+    from service.errors import DeliveryError, InputError, InputErrors, SteppedBack
     from twin.errors import ParameterError
 
     try:
@@ -30,6 +30,8 @@ def run(arguments: Sequence[str]) -> int:
         return status if isinstance(status, int) else 0
     except InputErrors as error:
         return max(_fail(line, 2) for line in error.lines)
+    except SteppedBack as error:
+        return _fail(str(error), 1)
     except (InputError, ParameterError) as error:
         return _fail(str(error), 2)
     except DeliveryError as error:

@@ -254,6 +254,8 @@ def _imported(
             tell(f"{label}: {found['notes'][label]}")
     if undated := found["notes"].get("started"):
         tell(f"started: {undated}")
+    for note in found["told"]:
+        tell(f"note: {note}")
     for mistake in found["mistakes"]:
         tell(f"likely mistake: {mistake}")
     return found

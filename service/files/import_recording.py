@@ -130,6 +130,7 @@ def written_recording(
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
         "notes": notes,
+        "told": list(data.notes),
         "mistakes": [
             *_dates_contradict(data, began),
             *contradicted_units(mapping.channels, data.units),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import sqlalchemy as sa
@@ -15,6 +15,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from service.fleet.databases import engine_of
 from service.fleet.fence import Fence
 from service.fleet.layout import PARTITIONS, SERVER_NOW
+from service.operation.health import Late
 from service.operation.metric_catalogue import METRICS
 
 log = logging.getLogger(__name__)
@@ -42,6 +43,7 @@ class Heartbeat(threading.Thread):
 
     figures    what the worker says of itself, as for /metrics
     not_ready  why it takes no frames, or None
+    late       the loops of the worker that hang or have ended: it is silent as long as there are any
     """
 
     def __init__(
@@ -50,11 +52,13 @@ class Heartbeat(threading.Thread):
         fence: Fence,
         figures: Callable[[], Mapping[str, Any]],
         not_ready: Callable[[], str | None],
+        late: Callable[[], Sequence[Late]],
     ) -> None:
         super().__init__(name="heartbeat", daemon=True)
         self._engine = engine_of(database, name=fence.application, pool_size=1, max_overflow=0)
-        self._fence, self._figures, self._not_ready = fence, figures, not_ready
+        self._fence, self._figures, self._not_ready, self._late = fence, figures, not_ready, late
         self._stopping = threading.Event()
+        self._silent = False
 
     def run(self) -> None:
         """Works until ended."""
@@ -62,7 +66,8 @@ class Heartbeat(threading.Thread):
         while True:
             try:
                 with_figures = time.monotonic() >= figures_at
-                self._say(with_figures)
+                if self._turns():
+                    self._say(with_figures)
                 if with_figures:
                     figures_at = time.monotonic() + FIGURES_EVERY
             except SQLAlchemyError as error:  # whoever keeps windows says it
@@ -81,6 +86,18 @@ class Heartbeat(threading.Thread):
         except SQLAlchemyError as error:
             log.debug("partition %d could not be given back: %s", self._fence.partition, error)
         self._engine.dispose()
+
+    def _turns(self) -> bool:
+        """Whether all loops turn; what hangs is said once."""
+        late = self._late()
+        if late and not self._silent:
+            log.error(
+                "partition %d is silent until its loops turn again: %s",
+                self._fence.partition,
+                "; ".join(map(str, late)),
+            )
+        self._silent = bool(late)
+        return not late
 
     def _say(self, with_figures: bool) -> None:
         given: dict[str, Any] = {"of": self._fence.partition, "held": self._fence.token}

@@ -57,7 +57,11 @@ class Listener(threading.Thread):
                     self._listen(connection)
             except psycopg.Error as error:
                 log.debug("the notifications of partition %d: %s", self._partition, error)
-                self._stopping.wait(PAUSE)
+            except Exception as error:  # whatever it is, the next connection looks at everything
+                log.warning(
+                    "a notification of partition %d could not be followed: %r", self._partition, error, exc_info=error
+                )
+            self._stopping.wait(PAUSE)
 
     def end(self) -> None:
         """Ends the thread."""
@@ -76,7 +80,8 @@ class Listener(threading.Thread):
                 self._look_at_all()
                 look_at = time.monotonic() + LOOK_EVERY
             for said in connection.notifies(timeout=0.5, stop_after=1):
-                self._take_up(*said.payload.split(" ", 1))
+                what, _, asset = said.payload.partition(" ")
+                self._take_up(what, asset)
                 self._look()
 
     def _look_at_all(self) -> None:

@@ -24,7 +24,7 @@ from service.fleet.naming import Names
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
 from service.fleet.searches import Searches, Submit
-from service.operation.health import Health
+from service.operation.health import FLEET, Health
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
@@ -130,6 +130,7 @@ def serve_partition(
         figures = figures_of(
             *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
         )
+        listener = Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose, names)
         parts = (
             curves,
             worker,
@@ -137,9 +138,10 @@ def serve_partition(
             retention,
             RowWriter(store.database, board, partition),
             ReportWriter(store.database, partition, kept.unknown, begun.rigs.proposals),
-            Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose, names),
-            Heartbeat(database, fence, figures, worker.not_ready),
+            listener,
+            Heartbeat(database, fence, figures, worker.not_ready, health.late),
         )
+        health.thread(FLEET, listener)
         worker.on_end = stop.set
         for part in parts:
             part.start()

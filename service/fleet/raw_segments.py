@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 LOOK_EVERY = 2.0  # whether a recording has been completed [s]
 PAUSES = (2.0, 300.0)  # shortest and longest pause before the store is tried again [s]
 DELETE_EVERY = 600.0  # that old objects are deleted [s]
+PROBE = "gear-twin-probe"  # an object that says whether anything can be written
 END_WAIT = 10.0  # how long what has just been completed is waited for at the end [s]
 
 
@@ -64,6 +65,7 @@ class SegmentSender:
         self._delete_at = 0.0
         self._stored = self._failed = self._deleted = self._waiting = 0
         self._unavailable = False
+        self._aside: dict[Path, float] = {}  # recordings that the store does not take, and when each is tried again
         self.thread = threading.Thread(target=self._run, name="raw segments", daemon=True)
         self.thread.start()
 
@@ -136,20 +138,29 @@ class SegmentSender:
         return self._store
 
     def _move_all(self) -> None:
-        waiting = sorted(recordings_in(self._folder), key=lambda each: each[2])
-        self._waiting = len(waiting)
-        failures = []
-        for path, *_ in waiting:
+        waiting = [path for path, *_ in sorted(recordings_in(self._folder), key=lambda each: each[2])]
+        self._waiting, now = len(waiting), time.monotonic()
+        self._aside = {path: self._aside[path] for path in waiting if path in self._aside}
+        due = [path for path in waiting if self._aside.get(path, now) <= now]
+        failures: dict[Path, Exception] = {}
+        for path in due:
             try:
                 self._move(path)
             except Exception as error:  # one that cannot be moved holds up no other
-                failures.append((path, error))
+                failures[path] = error
             else:
                 self._waiting -= 1
-        if failures:
-            path, first = failures[0]
-            others = f", and {len(failures) - 1} others" if len(failures) > 1 else ""
-            raise StoreError(f"{path}{others}: {first}") from first
+        if failures and len(failures) == len(due):  # the store is at fault, unless it takes something else
+            self._opened().put(PROBE, b"gear-twin")
+        for path, failure in failures.items():
+            self._set_aside(path, failure)
+
+    def _set_aside(self, path: Path, error: Exception) -> None:
+        """Leaves a recording that the store does not take in the spool; it is tried again with the longest pause."""
+        self._failed += 1
+        if path not in self._aside:
+            log.warning("%s stays in the spool: the object store takes others, but not this one: %s", path, error)
+        self._aside[path] = time.monotonic() + self._pauses[1]
 
     def _move(self, path: Path) -> None:
         try:

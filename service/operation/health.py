@@ -13,7 +13,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from service.contract.base import iso_time
+
 LIMIT = 120.0  # above the longest wait of a loop for a lock, a server or a disk [s]
+READY = 10.0  # time without a turn after which a loop that still may go on takes no frames [s]
 
 HTTP = "HTTP"
 RECEPTION = "reception and storage"
@@ -32,7 +35,7 @@ LOOPS = {
     RAW_RECORDINGS: "the thread that keeps all frames as MCAP recordings, where a folder is set",
     WEBHOOKS: "the thread that sends messages about alarms",
     RETENTION: "the thread that deletes what is older than it is kept",
-    FLEET: "the thread of a front end of a fleet that learns which assets have changed and which partitions are served",
+    FLEET: "the thread of a front end or of a partition of a fleet that follows what others have written",
 }
 """Every loop, and what it does."""
 
@@ -43,6 +46,9 @@ class Late:
 
     name: str
     since_ns: int  # Unix time of its last turn [ns]
+
+    def __str__(self) -> str:
+        return f"{self.name}: no turn since {iso_time(self.since_ns)}"
 
 
 @dataclass(slots=True)
@@ -75,12 +81,12 @@ class Health:
         """Expects a thread to live from now on; how long it waits for its work does not matter."""
         self._loops[name] = _Loop(self._clock(), thread)
 
-    def late(self) -> list[Late]:
-        """The loops that have hung or ended."""
-        now, found = self._clock(), []
+    def late(self, limit: float | None = None) -> list[Late]:
+        """The loops that have hung or ended; within another limit where one is given [s]."""
+        now, limit, found = self._clock(), self._limit if limit is None else limit, []
         for name, known in list(self._loops.items()):
             if known.thread is not None and known.thread.is_alive():
                 known.beaten = now
-            elif known.thread is not None or now - known.beaten > self._limit:
+            elif known.thread is not None or now - known.beaten > limit:
                 found.append(Late(name, time.time_ns() - round((now - known.beaten) * 1e9)))
         return found

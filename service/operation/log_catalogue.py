@@ -6,26 +6,8 @@ operations page is made from this list; a test finds every line of the code in i
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-
-class Line(NamedTuple):
-    """One log line.
-
-    place    the module that writes it
-    text     its constant text
-    meaning  what has happened; where the text is filled in as a whole, what it says then
-    """
-
-    place: str
-    text: str
-    meaning: str
-    action: str = ""
-
-
-_NONE = "None."
-_REPORT = "Report it, with the lines of the log: it is an internal error."
-_STORAGE = "Free space, repair the disk or start the database server; it goes on by itself."
+from service.operation.fleet_log_catalogue import FLEET_LINES
+from service.operation.log_line import NONE, REPORT, STORAGE, Line
 
 LINES: tuple[Line, ...] = (
     Line(
@@ -74,19 +56,27 @@ LINES: tuple[Line, ...] = (
         "service.stream.inbox",
         "a frame could not be received, %d such errors since the start: %r",
         "An exception in a callback of the network; said once a minute, counted in callback_errors.",
-        _REPORT,
+        REPORT,
+    ),
+    Line(
+        "service.results.asset_life",
+        "%s: the database is older than the files of its windows: from %s on, %d windows that had been received are "
+        "not stored, and are stored when they are sent again",
+        "The database was put back, or its server has lost what it had confirmed: it names windows whose files went "
+        "when they were processed.",
+        "Send the recordings from that time on again; publishers that keep their frames do so by themselves.",
     ),
     Line(
         "service.runtime.storage_watch",
         "%s, and it is tried again",
         "The database or the disk cannot be used; received windows wait in memory.",
-        _STORAGE,
+        STORAGE,
     ),
     Line(
         "service.runtime.storage_watch",
         "%s can be used again: what waited has been kept",
         "The storage is back.",
-        _NONE,
+        NONE,
     ),
     Line(
         "service.runtime.storage_wait",
@@ -94,19 +84,19 @@ LINES: tuple[Line, ...] = (
         "The server of the database did not answer at the start; HTTP answers 503 meanwhile.",
         "Start the database server; it goes on by itself.",
     ),
-    Line("service.runtime.storage_wait", "the database can be used now", "The start goes on.", _NONE),
+    Line("service.runtime.storage_wait", "the database can be used now", "The start goes on.", NONE),
     Line(
         "service.runtime.spool",
         "%s: %s",
         "A window was left out, because more windows waited in memory than are kept there while the storage "
         "cannot be used.",
-        _STORAGE,
+        STORAGE,
     ),
     Line(
         "service.runtime.retention_job",
         "nothing old could be deleted: %s",
         "The storage cannot be used; it is tried again after minutes.",
-        _STORAGE,
+        STORAGE,
     ),
     Line(
         "service.results.json_columns",
@@ -184,7 +174,7 @@ LINES: tuple[Line, ...] = (
         "service.runtime.begun",
         "new assets: %s%s",
         "Whether assets that nobody has declared are adopted or asked for, and why.",
-        _NONE,
+        NONE,
     ),
     Line(
         "service.runtime.worker_processes",
@@ -196,7 +186,7 @@ LINES: tuple[Line, ...] = (
         "service.runtime.twin_port",
         "a window or decision was refused because of an internal error",
         "The traceback follows; the window is recorded as refused.",
-        _REPORT,
+        REPORT,
     ),
     Line(
         "service.runtime.streams",
@@ -210,7 +200,7 @@ LINES: tuple[Line, ...] = (
         "Nothing is added to the raw recordings; windows and results are not affected.",
         "Free space, or repair the disk; it goes on by itself.",
     ),
-    Line("service.runtime.raw_recorder", "raw recordings in %s go on", "They can be written again.", _NONE),
+    Line("service.runtime.raw_recorder", "raw recordings in %s go on", "They can be written again.", NONE),
     Line(
         "service.runtime.raw_recorder",
         "frames are left out of the raw recordings: %s",
@@ -218,150 +208,22 @@ LINES: tuple[Line, ...] = (
         "Record to a faster disk, or free space.",
     ),
     Line(
-        "service.fleet.actor",
-        "partition %d cannot go on: its process ends, and is started again",
-        "The worker of a partition met an error that it cannot go on from; the lines after it say which.",
-        "Where it does not end by itself: the database, the folder of the fleet, then report it.",
-    ),
-    Line(
-        "service.fleet.actor",
-        "partition %d cannot be served by this release: %s",
-        "Its tables, or those of the fleet, were upgraded by a newer release, or cannot be used; nothing is written.",
-        "Upgrade the node, or drain it; where the database is damaged, restore a backup.",
-    ),
-    Line(
-        "service.fleet.front_database",
-        "%s; its assets are answered for later",
-        "A front end has met a partition with tables of another release, and answers 503 for its assets.",
-        "None, where its worker is being upgraded; else upgrade the front end.",
-    ),
-    Line(
-        "service.fleet.cluster",
-        "%s of the fleet has ended, and is replaced",
-        "A node of Ray on this machine was killed or had no memory; its partitions go on elsewhere.",
-        "Look for lack of memory; none where it was ended on purpose.",
-    ),
-    Line(
-        "service.fleet.engine",
-        "partition %d did not end in good order: %s",
-        "A partition that is moved was killed instead; it goes on from what is committed.",
-        _NONE,
-    ),
-    Line(
-        "service.fleet.up",
-        "the partitions did not end in good order: %s",
-        "`fleet up` ended while the engine was lost: they go on from what is committed with its next start.",
-        _NONE,
-    ),
-    Line("service.fleet.engine", "%s is closed for new partitions (%.1f s)", "`fleet drain` or `fleet scale`.", _NONE),
-    Line(
-        "service.fleet.heartbeat",
-        "the heartbeat of partition %d: %s",
-        "The worker could not say that it is at work; the database is away.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.heartbeat",
-        "partition %d could not be given back: %s",
-        "The worker ended while the database was away; the partition is taken from it after ten seconds.",
-        _NONE,
-    ),
-    Line(
-        "service.fleet.listener",
-        "the notifications of partition %d: %s",
-        "The connection for notifications was lost; what people decide is found within five seconds all the same.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.partition",
-        "the partition has been given to another worker: this process ends",
-        "It was suspended, cut off or slow, and another worker took its partition; it can commit nothing more.",
-        "Look for a machine that hangs or swaps, or a network that was cut.",
-    ),
-    Line(
-        "service.fleet.partition",
-        "%s: it is waited for",
-        "The database is away at the start of a worker, or not upgraded yet.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.rows",
-        "the rows of partition %d wait: %s",
-        "The list of assets shows the state before; the database is away.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.searches",
-        "a search for effects was not made by the engine, and is made here: %s",
-        "The windows of the partition's other assets wait for it; results are the same.",
-        "The reason is in the line; `gear-twin fleet status` shows the engine's nodes.",
-    ),
-    Line(
-        "service.fleet.kept_curves",
-        "wear curves cannot be read now: %s",
-        "They are computed, which takes longer; the database is away.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.kept_curves",
-        "the wear curves of %s wait: %s",
-        "They are written later; the database is away.",
-        _STORAGE,
-    ),
-    Line(
         "service.runtime.curves",
         "a wear curve that was kept cannot be read, and is computed again: %s",
         "A window takes longer; results are the same.",
-        _NONE,
-    ),
-    Line(
-        "service.fleet.up",
-        "%d processes of an engine that an earlier fleet up has left behind were ended",
-        "That `fleet up` was killed; its partitions go on from what is committed.",
-        _NONE,
-    ),
-    Line(
-        "service.fleet.up",
-        "%s: it is tried again",
-        "Ray on this machine did not answer, or its head or a node did not start; nodes that are there go on.",
-        "None for the first time; then look at the file that it names, and for lack of memory.",
-    ),
-    Line(
-        "service.fleet.up",
-        "%s: the partitions wait for it",
-        "The database of the fleet is away; frames wait with their publishers and with the workers.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.assess_task",
-        "%s is not assessed because of an internal error",
-        "A recording of `fleet assess` is refused; the others are not affected.",
-        "Report it, with the recording.",
-    ),
-    Line(
-        "service.fleet.raw_segments",
-        "raw recordings cannot be moved to the object store: %s; it is tried again in %g s",
-        "They wait in their folder, up to `[raw] spool_gb`; windows and results are not affected.",
-        "Check the store, its credentials and the network; it goes on by itself.",
-    ),
-    Line("service.fleet.raw_segments", "raw recordings are moved to %s again", "The store can be used again.", _NONE),
-    Line(
-        "service.fleet.raw_segments",
-        "%s holds no frame and is not moved to the object store: it is deleted (%s)",
-        "The file was damaged.",
-        "Check the disk.",
+        NONE,
     ),
     Line(
         "service.results.raw_recordings",
         "%s was left behind by an earlier run: it is complete with %d frames",
         "A service that was killed had not completed it; its last seconds are missing.",
-        _NONE,
+        NONE,
     ),
     Line(
         "service.results.raw_recordings",
         "%s was left behind by an earlier run and holds nothing: it is deleted (%s)",
         "A service was killed within seconds of beginning the file.",
-        _NONE,
+        NONE,
     ),
     Line(
         "service.runtime.signal_writer",
@@ -379,7 +241,7 @@ LINES: tuple[Line, ...] = (
         "service.runtime.webhooks",
         "webhooks wait: %s",
         "Messages wait because the storage cannot be used.",
-        _STORAGE,
+        STORAGE,
     ),
     Line(
         "service.runtime.webhooks",
@@ -399,7 +261,7 @@ LINES: tuple[Line, ...] = (
         "After SIGHUP: the new files cannot be used.",
         "Correct the files and send SIGHUP again.",
     ),
-    Line("service.runtime.http_server", "certificate and key were read again: %s", "After SIGHUP.", _NONE),
+    Line("service.runtime.http_server", "certificate and key were read again: %s", "After SIGHUP.", NONE),
     Line(
         "service.access.access",
         "a request from %s was refused: %s",
@@ -418,12 +280,12 @@ LINES: tuple[Line, ...] = (
         "Tokens are checked by the keys that are known for a time, then refused.",
         "Check the issuer and the network.",
     ),
-    Line("service.api.problems", "%s %s failed", "A request was answered by 500; the traceback follows.", _REPORT),
+    Line("service.api.problems", "%s %s failed", "A request was answered by 500; the traceback follows.", REPORT),
     Line(
         "service.transport.guard",
         "a callback of the network failed",
         "What it was about is left out; the traceback follows.",
-        _REPORT,
+        REPORT,
     ),
     Line(
         "service.threads",
@@ -431,7 +293,7 @@ LINES: tuple[Line, ...] = (
         "`/healthz` says what no longer works; the traceback follows.",
         "Restart the service; report it with the log lines.",
     ),
-    Line("service.bridges.bridge", "%s: %s is connected%s", "A bridge (MQTT, OPC UA) works.", _NONE),
+    Line("service.bridges.bridge", "%s: %s is connected%s", "A bridge (MQTT, OPC UA) works.", NONE),
     Line(
         "service.bridges.bridge",
         "%s: %s: %s; it is tried again with growing pauses",
@@ -450,31 +312,7 @@ LINES: tuple[Line, ...] = (
         "Numbers of a bridge are kept in memory only: after a restart some messages are sent again.",
         "Free space; check the owner of the data directory.",
     ),
-    Line("service.bridges.kept", "%s cannot be read and is begun again: %s", "As above, after a damage.", _NONE),
-    Line(
-        "service.fleet.reported",
-        "what waits for people in partition %d is written later: %s",
-        "Unknown assets and proposed rig files are shown late, as the database cannot be used.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.listener",
-        "what was announced of %s waits: %s",
-        "What a front end has written is taken up later, as the database cannot be used.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.listener",
-        "the assets of partition %d are looked for later: %s",
-        "As above, of assets that were created at a front end.",
-        _STORAGE,
-    ),
-    Line(
-        "service.fleet.front_watch",
-        "the notifications of the fleet: %s",
-        "The connection on which a front end learns of changes was lost; `/readyz` answers 503 until it is made again.",
-        _STORAGE,
-    ),
+    Line("service.bridges.kept", "%s cannot be read and is begun again: %s", "As above, after a damage.", NONE),
     Line(
         "warnings",
         "…: … (…, line …)",
@@ -487,4 +325,5 @@ LINES: tuple[Line, ...] = (
         "Lines of one cause beyond `[log] lines` a minute.",
         "As for the line named.",
     ),
+    *FLEET_LINES,
 )

@@ -7,6 +7,7 @@ transaction that processes the window, so that a kill loses no window and counts
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 from collections.abc import Mapping, Sequence
@@ -17,22 +18,30 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, bindparam, delete, select, text, update
 
+from service.contract.base import iso_time
 from service.errors import StoreError
+from service.results.commit_marks import probe
 from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
-from service.results.schema import AUDIT, CHANGES, METADATA, ROUTES, WAITING
+from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
-from service.results.window_file import SUFFIX, read_window, sync_folder, write_window
+from service.results.window_file import SUFFIX, UNFINISHED, read_window, sync_folder, write_window
 from service.steady_clock import later_time_ns
 from twin.windows import Window
 
+log = logging.getLogger(__name__)
+
 WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
 WAITING_BYTES = 2**30  # ... and what they may take on disk
+PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
 _CHANGE = select(CHANGES).order_by(CHANGES.c.id)
 _ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
 _WAITING = _ALL_WAITING.where(WAITING.c.asset == bindparam("of"))
 _END_WAITING = delete(WAITING).where(WAITING.c.id == bindparam("number"))
+_END_WAITING_FROM = delete(WAITING).where(WAITING.c.asset == bindparam("of"), WAITING.c.id >= bindparam("number"))
+_BEFORE = select(WAITING.c.before).where(WAITING.c.id == bindparam("number"))
+_GO_ON_FROM = update(ASSETS).where(ASSETS.c.asset == bindparam("of"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,12 +149,18 @@ class AssetLife:
         return write_window(self._unnumbered(), window)
 
     def add_waiting(
-        self, asset: str, window: Window, beside: Sequence[WaitingWindow] | None = None, size: int | None = None
+        self,
+        asset: str,
+        window: Window,
+        beside: Sequence[WaitingWindow] | None = None,
+        size: int | None = None,
+        before: Mapping[str, Any] | None = None,
     ) -> WaitingWindow | None:
-        """Keeps a window until its turn comes; None where there is no room. Its file is durable before the commit.
+        """Keeps a window until its turn comes; None where there is no room. Its file is durable once `sync` returns.
 
         beside  the windows of the asset that wait already, where the caller has just read them
         size    what `write` answered, where the caller has written it before its transaction
+        before  where the asset's stream went on before it; empty before its first window
         """
         waiting = self.waiting(asset) if beside is None else beside
         if len(waiting) >= WAITING_WINDOWS or sum(w.bytes for w in waiting) >= WAITING_BYTES:
@@ -153,10 +168,54 @@ class AssetLife:
         size = self.write(window) if size is None else size
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size}
+            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size, "before": dump(before)}
             number = self._database.add(db, WAITING, row)
-            sync_folder(self._unnumbered().replace(self._path(number)).parent)
+            self._unnumbered().replace(self._path(number))
         return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
+
+    def probe(self) -> None:
+        """Writes to the folder and to the database, as a window is written; StoreError or OSError where that fails."""
+        path = self._unnumbered().with_suffix(UNFINISHED)
+        try:
+            path.write_bytes(bytes(PROBE_BYTES))
+        finally:
+            path.unlink(missing_ok=True)
+        probe(self._database)
+
+    def sync(self) -> None:
+        """Makes the names of the files of windows durable, after the transaction, which others wait for.
+
+        Until then nothing is acknowledged: a row whose file has lost its name in a power cut is one to step back from.
+        """
+        assert self.folder is not None
+        sync_folder(self.folder)
+
+    def step_back(self) -> None:
+        """Has each asset go on before the first of its windows that wait without their file, so that they come again.
+
+        A database that was put back names windows that have been processed since, and whose files went with that.
+        """
+        assert self.folder is not None
+        files = {path.name for path in self.folder.iterdir()}
+        for asset, waiting in self.all_waiting().items():
+            gone = next((w for w in waiting if self._path(w.id).name not in files), None)
+            if gone is None:
+                continue
+            with self.transaction() as db:
+                ((kept,),) = db.execute(_BEFORE, {"number": gone.id}).all()
+                before = salvage(kept, f"where {asset} went on before the window of {iso_time(gone.start_ns)}")
+                if before is None:
+                    continue
+                db.execute(_GO_ON_FROM.values(assembly=dump(before or None)), {"of": asset})
+                ended = db.execute(_END_WAITING_FROM, {"of": asset, "number": gone.id}).rowcount
+            log.warning(
+                "%s: the database is older than the files of its windows: from %s on, %d windows that had been "
+                "received are not stored, and are stored when they are sent again",
+                asset,
+                iso_time(gone.start_ns),
+                ended,
+                extra={"asset": asset},
+            )
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""

@@ -23,12 +23,14 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool, QueuePool
 
 from service.errors import StorageUnavailable, StoreError
+from service.results.bounded_connection import connecting
 from service.results.claims import Claims
 from service.results.commit_marks import Mark, marked, was_committed
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
-STATEMENT_WAIT = 60.0  # how long one statement of the service may take on a server [s]
+STATEMENT_WAIT = 40.0  # how long one statement of the service may take on a server; two, within a loop's turn [s]
 CONNECT_WAIT = 5  # how long a server is waited for [s]
+ANSWER_WAIT = 5.0  # beyond the time of a statement, until a server that says nothing is given up [s]
 EXAMINED_BYTES = 100 * 2**20  # of a file that SQLite checks at each start: 0.3 s or less
 READERS = 8  # connections that are kept for reading; as many more are opened when needed
 SILENT_AFTER = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 20_000}
@@ -143,7 +145,7 @@ class SqliteFile:
         pass
 
     def engines(self) -> tuple[Engine, Engine]:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._make_file()
         writer = self._engine(["synchronous = FULL", "foreign_keys = ON"], pool_size=1, max_overflow=0)
         event.listen(writer, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
         with writer.connect():
@@ -153,10 +155,16 @@ class SqliteFile:
         return writer, reader
 
     def for_migration(self) -> Engine:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._make_file()
         engine = self._engine(["synchronous = FULL", "foreign_keys = OFF"], poolclass=NullPool)
         event.listen(engine, "begin", lambda db: db.exec_driver_sql("BEGIN IMMEDIATE"))
         return engine
+
+    def _make_file(self) -> None:
+        """A new file is its owner's alone; those that SQLite keeps beside it have its mode."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if not self.path.exists():
+            self.path.touch(mode=0o600)
 
     def for_reading(self) -> Engine:
         return self._engine(["query_only = ON"], poolclass=NullPool)
@@ -291,7 +299,10 @@ class Postgresql:
         # A server that was set up without a locale hands out bytes otherwise, which SQLAlchemy ends with a traceback.
         arguments |= {"application_name": name, "client_encoding": "utf8"}
         arguments["options"] = " ".join(filter(None, (options, self.url.query.get("options"))))  # type: ignore[arg-type]
-        return sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
+        engine = sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
+        if wait > 0:
+            event.listen(engine, "do_connect", connecting(wait + ANSWER_WAIT))
+        return engine
 
     def examine(self, engine: Engine) -> None:
         """The server looks after its pages; a connection that fails does so here, not at the first window."""

@@ -46,6 +46,10 @@ class ChangeQueue:
         """Wakes waiting callers."""
         self._signal.wake()
 
+    def release(self) -> None:
+        """Releases waiting callers: the storage cannot be used now, and what is kept is carried out once it can."""
+        self._signal.release()
+
     def close(self) -> None:
         """Releases waiting callers: the service ends, and what is kept is left to its next start."""
         self._signal.close()

@@ -62,17 +62,18 @@ class DoneSignal(ChangeSignal):
 
     def __init__(self, look_every: float | None = None) -> None:
         super().__init__()
-        self._look_every, self._closed = look_every, False
+        self._look_every, self._closed, self._released = look_every, False, 0
 
     async def done(self, read: Callable[[int], W], number: int, seconds: float) -> W | None:
-        """What `read` answers once it is done; None after so many seconds, or where the service ends before.
+        """What `read` answers once it is done; None after so many seconds, or where it is released before.
 
         No thread is held meanwhile.
         """
+        released = self._released
         with self.listening() as changed:
             try:
                 async with asyncio.timeout(seconds):
-                    while not self._closed:
+                    while not self._closed and released == self._released:
                         changed.clear()  # before reading: what is done while reading sets it again
                         waiting = await run_in_threadpool(read, number)
                         if waiting.done:
@@ -83,7 +84,12 @@ class DoneSignal(ChangeSignal):
                 pass
         return None
 
+    def release(self) -> None:
+        """Releases all who wait now: nothing can be carried out at present."""
+        self._released += 1
+        self.wake()
+
     def close(self) -> None:
-        """Releases all who wait."""
+        """Releases all who wait, and who come later."""
         self._closed = True
         self.wake()

@@ -37,14 +37,20 @@ class Claims:
 
     def take(self, connection: Any, _: object) -> None:
         """Takes the lock for a new connection; StorageUnavailable where another service has it, or has had it."""
+        own = False
         try:
-            if not self.lost and (_locked(connection) or (self._ended_own(connection) and _locked(connection))):
+            if not self.lost and (
+                _locked(connection) or ((own := self._ended_own(connection)) and _locked(connection))
+            ):
                 self.held = True
                 return
         except BaseException:
             connection.close()
             raise
         connection.close()
+        if own:
+            text = f"{self.name} cannot be used now (connection lost): an earlier session of this service does not end"
+            raise StorageUnavailable(text, reason="connection lost")
         self.lost = self.held
         text = f"{self.name} cannot be used now (locked): another service uses this database; give each its own"
         if self.held:

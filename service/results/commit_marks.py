@@ -18,6 +18,7 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service.errors import StorageUnavailable
 from service.results.schema import COMMITS
+from service.results.store import Tables
 
 OUTCOME_WAIT = 10.0  # how long a server is asked for the outcome of a commit that it did not answer [s]
 AGAIN = 0.2  # between two questions [s]
@@ -26,7 +27,18 @@ NEVER_GIVEN = "22023"  # SQLSTATE of a question about a number that the server h
 UNDER_WAY = "in progress"
 
 _DELETE_OLD = sa.delete(COMMITS).where(COMMITS.c.written_ns < sa.bindparam("before"))
+_PROBER = "probe"  # the row that says whether anything can be written
 _STATUS = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
+
+
+def probe(database: Tables) -> None:
+    """Writes, as a window is written. StorageUnavailable where nothing can be."""
+    now = time.time_ns()
+    row = {"writer": _PROBER, "number": 0, "written_ns": now}
+    with database.transaction() as db:
+        db.execute(
+            database.insert(COMMITS).on_conflict_do_update(index_elements=["writer"], set_={"written_ns": now}), row
+        )
 
 
 class Mark(NamedTuple):
@@ -56,6 +68,15 @@ def marked(
     if number == 1:  # after the mark: whoever else deletes them has taken its turn first
         db.execute(_DELETE_OLD, {"before": now - KEPT_NS})
     return Mark(writer, number, str(transaction))
+
+
+def is_there(connection: Any, mark: Mark) -> bool:
+    """Whether a server has what it had confirmed; by a new connection of its driver."""
+    with connection.cursor() as cursor:
+        cursor.execute("SELECT number FROM commits WHERE writer = %s", (mark.writer,))
+        found = cursor.fetchone()
+    connection.commit()
+    return found is not None and found[0] >= mark.number
 
 
 @cache

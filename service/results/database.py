@@ -21,9 +21,9 @@ from sqlalchemy import Connection, Executable
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
-from service.errors import StorageUnavailable, StoreError
+from service.errors import SteppedBack, StorageUnavailable, StoreError
 from service.results.backends import Backend, backend_of
-from service.results.commit_marks import Mark
+from service.results.commit_marks import Mark, is_there
 from service.results.migrate import upgrade
 from service.results.schema import ASSETS, ROUTES
 from service.results.storage_faults import storage_error
@@ -51,6 +51,7 @@ class Database:
         self._current: Connection | None = None  # of the present transaction ...
         self._owner: int | None = None  # ... and the thread that it is of
         self._alone = claimed
+        self._newest: Mark | None = None  # of the transactions that were confirmed to this process
         self._has_row: set[str] = set()  # assets that have a row for certain: nobody else may write
         self._ensured: set[str] = set()  # those that the present transaction has ensured
         try:
@@ -60,6 +61,8 @@ class Database:
                 if self.backend.upgrades:
                     upgrade(self.backend)
                 self._writer, self._reader = self.backend.engines()
+                if claimed:
+                    sa.event.listen(self._writer, "connect", self._look_back)
                 self.backend.examine(self._reader)
         except StorageUnavailable:
             self.backend.release()
@@ -132,6 +135,7 @@ class Database:
                         yield db
                         mark, ensured = self.backend.mark(db), self._ensured
                     self._commit(db, mark)
+                    self._newest = mark or self._newest
                     if self._alone:
                         self._has_row |= ensured
             self.took("commit", time.monotonic() - began)
@@ -150,6 +154,17 @@ class Database:
             raise
         finally:
             self._current, self._owner, self._ensured = None, None, set()
+
+    def _look_back(self, connection: Any, _: object) -> None:
+        """SteppedBack where a new connection leads to a database that lacks what was confirmed to this process."""
+        if self._newest is None or is_there(connection, self._newest):
+            return
+        connection.close()
+        raise SteppedBack(
+            f"{self.backend.name} does not have what it had confirmed: it was put back, or another server took its "
+            "place; the service begins anew from what is there",
+            reason="connection lost",
+        )
 
     def _commit(self, db: Connection, mark: Mark | None) -> None:
         """Commits; where the connection is lost meanwhile, a new one says whether it was committed."""

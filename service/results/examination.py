@@ -119,7 +119,8 @@ def _of_files(db: Connection, data: Path) -> Iterator[Finding]:
         except FileNotFoundError:
             if db.execute(sa.select(WAITING_WINDOWS.c.id).where(WAITING_WINDOWS.c.id == number)).first() is None:
                 continue  # it was processed while this looked
-            yield Finding(what=f"{path}, a window of {asset} that waits, is not there", action=RESTORE)
+            action = "send the recordings from then on again: the service goes on before it"
+            yield Finding(what=f"{path}, a window of {asset} that waits, is not there", action=action)
         except (OSError, ValueError, KeyError, TypeError) as error:
             action = "nothing: the service refuses this window and counts it"
             yield Finding(what=f"{path}, a window of {asset} that waits, cannot be read: {error}", action=action)

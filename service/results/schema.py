@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0008"
+REVISION = "0009"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -168,6 +168,7 @@ WAITING = Table(
     _asset(),
     _number("start_ns"),
     _number("bytes"),
+    _json("before", nullable=True),
     Index("waiting_of_asset", "asset", "id"),
     sqlite_autoincrement=True,
 )

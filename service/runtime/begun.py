@@ -56,10 +56,11 @@ class Begun(AbstractContextManager["Begun"]):
         """
         with ExitStack() as stack:
             store = stack.enter_context(open_store())
+            life = AssetLife(store.database, settings.data / WAITING)
+            life.step_back()
             known, board = stack.enter_context(_restored(store))
             signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
             signals.settle(former_names(store.database))
-            life = AssetLife(store.database, settings.data / WAITING)
             alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
             are_open = alarms.store.open()
             for asset in {alarm["asset"] for alarm in are_open}:

@@ -1,9 +1,9 @@
 """Windows that have closed are made durable before anything else becomes of them.
 
 The window's file is written first; its name, what names it in the database, and where its asset's stream goes on after
-it are one transaction.
-From then on the window is acknowledged, and no end of the process loses it. It waits until its asset's turn comes;
-the transaction that commits its results ends the wait.
+it are one transaction. Once the file's name is on disk as well, the window is acknowledged, and neither the end of the
+process nor a power cut loses it. It waits until its asset's turn comes; the transaction that commits its results ends
+the wait.
 
 What waits is bounded. Over a bound the oldest window of the asset with most waiting is left out as a whole: it becomes
 a refused record with the reason. While the storage cannot be used, closed windows wait in memory, in the same order and
@@ -119,12 +119,13 @@ class Spool:
                 if waiting and waiting[-1].start_ns == start_ns:  # kept by an earlier attempt that did not know it
                     kept: WaitingWindow | None = waiting[-1]
                 else:
-                    kept = added = self._life.add_waiting(asset, window, waiting, size)
+                    kept = added = self._life.add_waiting(asset, window, waiting, size, lane.assembly)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
             if added is not None and not getattr(error, "unknown", False):
                 self._life.delete_file(added.id)  # of no window now
             raise
+        self._life.sync()
         if kept is None:
             entry = Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
         else:

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
-from service.errors import NotReachable, StorageUnavailable
-from service.operation.health import RECEPTION, WORKERS, Health
+from service.errors import NotReachable, SteppedBack, StorageUnavailable
+from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
@@ -59,7 +59,7 @@ from service.stream.inbox import Inbox
 from service.stream.repeats import Repeats
 from service.transport.protocol import OpenTransport, Transport
 
-LOOK = 5.0  # between two looks whether the database still answers [s]
+LOOK = 2.0  # between two looks whether the storage can be written [s]
 STOP_WAIT = 5.0  # how long a window in the twin is waited for at the end [s]
 TICK = 0.1  # between two looks whether the storage may be tried again [s]
 AT_START = "the service goes on as soon as it can be read"
@@ -183,7 +183,8 @@ class Worker(threading.Thread):
 
     def not_ready(self) -> str | None:
         """Why no frames are accepted, or None."""
-        return self._reason or self._lost() or self._storage.reason or self._computing.unusable()
+        late = "; ".join(map(str, self._health.late(READY)))
+        return self._reason or self._lost() or self._storage.unusable or self._computing.unusable() or late or None
 
     def position(self, stream: str) -> PositionModel:
         """How far a stream is stored, as it was published last, and whether its frames are used now."""
@@ -259,7 +260,7 @@ class Worker(threading.Thread):
             try:
                 made = prepare()
             except StorageUnavailable as error:
-                if error.reason == "damaged":
+                if error.reason == "damaged" or isinstance(error, SteppedBack):
                     raise
                 self._storage.failed(error, AT_START)
             else:
@@ -308,7 +309,7 @@ class Worker(threading.Thread):
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
-        streams = self._streams = Streams(life, intake, self._is_retired, lambda: storage.reason, kept.unknown)
+        streams = self._streams = Streams(life, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
         kept.unknown.begin(
             lambda stream: board.get(streams.asset_of(stream)) is not None, (*board.assets(), *streams.routed)
         )
@@ -379,7 +380,10 @@ class Worker(threading.Thread):
             self._try_again(self._storage, spool, lanes)
         elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
             self._look_at = time.monotonic() + LOOK
-            self._storage.attempt(self._kept.store.assets)
+            self._storage.attempt(self._kept.life.probe)
+        if self._storage.lasts:
+            self._kept.decisions.release()
+            self._kept.changes.release()
         storage_status()
         while lanes.stopped:
             asset, reason = lanes.stopped.pop()
@@ -392,14 +396,8 @@ class Worker(threading.Thread):
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
-        if spool.retry() and lanes.retry() and storage.attempt(self._probe)[0]:
+        if spool.retry() and lanes.retry() and storage.attempt(self._kept.life.probe)[0]:
             storage.worked()
-
-    def _probe(self) -> None:
-        """Writes what is there already."""
-        for asset in self._kept.store.assets()[:1]:
-            quality = self._kept.store.asset(asset).quality
-            self._kept.store.keep(asset, **({} if quality is None else {"quality": quality}))
 
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.board.get(asset)

@@ -25,17 +25,24 @@ def programs() -> Path | None:
 
 
 class PostgresqlServer:
-    """Starts at entry, ends at exit; `stop` and `start` in between are an outage."""
+    """Starts at entry, ends at exit; `stop` and `start` in between are an outage.
+
+    within    the folder in which its own is made; None for that of temporary files
+    settings  of the server
+    """
+
+    def __init__(self, within=None, settings=SETTINGS):
+        self._within, self._settings = within, settings
 
     def __enter__(self):
         self._bin = programs()
         self._user = "postgres" if os.geteuid() == 0 else None  # it refuses to run as root
-        self.folder = Path(tempfile.mkdtemp(prefix="gear-twin-postgresql-"))
+        self.folder = Path(tempfile.mkdtemp(prefix="gear-twin-postgresql-", dir=self._within))
         if self._user:
             owner = pwd.getpwnam(self._user)
             os.chown(self.folder, owner.pw_uid, owner.pw_gid)
-        self._data, self._count = self.folder / "data", itertools.count()
-        self._run("initdb", "-D", self._data, "-A", "trust", "-U", "twin", "--no-sync", "-E", "UTF8", "--locale=C")
+        self.data, self._count = self.folder / "data", itertools.count()
+        self._run("initdb", "-D", self.data, "-A", "trust", "-U", "twin", "--no-sync", "-E", "UTF8", "--locale=C")
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -48,25 +55,29 @@ class PostgresqlServer:
 
     def start(self):
         here = (f"port={self.port}", f"unix_socket_directories={self.folder}")
-        options = " ".join(f"-c {setting}" for setting in (*SETTINGS, *here))
-        self._run("pg_ctl", "-D", self._data, "-w", "-t", "30", "-l", self.folder / "log", "-o", options, "start")
+        options = " ".join(f"-c {setting}" for setting in (*self._settings, *here))
+        self._run("pg_ctl", "-D", self.data, "-w", "-t", "30", "-l", self.folder / "log", "-o", options, "start")
 
     def stop(self, how="fast"):
-        self._run("pg_ctl", "-D", self._data, "-w", "-m", how, "stop")
+        self._run("pg_ctl", "-D", self.data, "-w", "-m", how, "stop")
 
     def kill(self):
         """As the machine's power going."""
-        os.kill(int((self._data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
+        os.kill(self.first_process, signal.SIGKILL)
 
     @contextmanager
     def frozen(self):
         """The server takes connections and answers none, as one that is suspended."""
-        first = int((self._data / "postmaster.pid").read_text().split()[0])
-        os.kill(first, signal.SIGSTOP)
+        os.kill(first := self.first_process, signal.SIGSTOP)
         try:
             yield
         finally:
             os.kill(first, signal.SIGCONT)
+
+    @property
+    def first_process(self):
+        """The one that starts all others."""
+        return int((self.data / "postmaster.pid").read_text().split()[0])
 
     def url(self, name):
         return f"postgresql://twin@127.0.0.1:{self.port}/{name}"
@@ -96,4 +107,4 @@ class PostgresqlServer:
             [self._bin / program, *map(str, arguments)], user=self._user, cwd=self.folder, text=True,
             stdout=subprocess.PIPE if program == "initdb" else subprocess.DEVNULL, stderr=subprocess.STDOUT,
         )  # fmt: skip
-        assert done.returncode == 0, done.stdout
+        assert done.returncode == 0, done.stdout or (self.folder / "log").read_text()[-2000:]

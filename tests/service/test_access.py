@@ -291,6 +291,9 @@ def test_sign_in_with_a_wrong_key_is_refused_and_sets_nothing(app, keys):
         {"Origin": "http://evil.example"},
         {"Origin": "http://twin.evil.example"},
         {"Origin": "null"},
+        {"Referer": "http://evil.example/page"},
+        {"Referer": "http://evil.example/http://twin/"},
+        {"Referer": "http://twin@evil.example/"},
         {"Sec-Fetch-Site": "cross-site"},
         {"Sec-Fetch-Site": "same-site"},
     ],
@@ -300,7 +303,8 @@ def test_page_of_another_site_cannot_write(app, store, headers):
         answer = ask(app, method, path, headers=headers, json=INSPECTION)
         assert answer.status_code == 403 and "own page" in answer.json()["detail"]
     assert store.inspections("unsw") == ()
-    assert ask(app, "POST", WRITE, headers={"Origin": "http://twin"}, json=INSPECTION).status_code == 201
+    for own in ({"Origin": "http://twin"}, {"Referer": "http://twin/assets/unsw"}, {}):
+        assert ask(app, "POST", WRITE, headers=own, json=INSPECTION).status_code == 201
 
 
 # -- start ---------------------------------------------------------------------------------------------------

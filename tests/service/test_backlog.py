@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from service.errors import StorageUnavailable
+from service.results import asset_life
 from service.results.asset_life import AssetLife
 from service.results.store import StoredWindow
 from service.results.window_file import write_window
@@ -203,6 +206,29 @@ def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_
     assert p.spool.retry() and len(p.life.waiting("a")) == 1
     p.computing.carry_out()
     assert numbers(p.sink.outcomes, refused=False) == [("a", 0)] and p.life.waiting("a") == ()
+
+
+@pytest.mark.parametrize("slow", ["write_window", "sync_folder"])
+def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts, monkeypatch, slow):
+    """A disk that took 6 s held up decisions, as the window's transaction was open meanwhile."""
+    p, begun, go_on, real = parts(), threading.Event(), threading.Event(), getattr(asset_life, slow)
+
+    def waits(*given):
+        begun.set()
+        assert go_on.wait(20)
+        return real(*given)
+
+    monkeypatch.setattr(asset_life, slow, waits)
+    adding = threading.Thread(target=p.add, args=("a", 0))
+    adding.start()
+    assert begun.wait(20)
+    elsewhere = ThreadPoolExecutor(1).submit(p.store.add_decision, "a", "misalignment", "pin")
+    try:
+        assert elsewhere.result(10) and p.spool.unstored_from_ns("a") is not None  # not acknowledged yet
+    finally:
+        go_on.set()
+        adding.join()
+    assert p.spool.unstored_from_ns("a") is None
 
 
 def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_took_its_folder(

@@ -23,7 +23,7 @@ from service.fleet.layout import ASSETS, CURVES, NAMES, Layout, create, partitio
 from service.fleet.listener import Listener
 from service.fleet.lookup import partition_in_use
 from service.fleet.naming import Names
-from service.fleet.notices import ALARM, announce
+from service.fleet.notices import ALARM, announce, channel_of
 from service.fleet.rows import RowWriter
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
@@ -195,7 +195,9 @@ def test_the_row_of_a_former_name_is_not_written_again_while_the_board_still_sho
         assert row(fleet) is None and row(fleet, NEW)["partition"] == OWN
 
 
-def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present_one(tmp_path, fleet):
+@pytest.mark.parametrize("said_before", [(), ("", "asset", "nothing unsw"), ("asset no\\such",)])
+def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present_one(tmp_path, fleet, said_before):
+    """Whatever anybody has said on the channel before: one word alone ended the thread that listens."""
     with taken(fleet, OWN) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
         board, alarms, looked = Board.from_store(store), AlarmKeeper(AlarmStore(store.database)), threading.Event()
@@ -212,6 +214,11 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
         listener = Listener(fleet, OWN, kept, alarms, looked.set, lambda asset, rig: None, known)
         listener.start()
         assert looked.wait(20)  # its connection listens
+        for payload in said_before:
+            looked.clear()
+            with store.database.transaction() as db:
+                db.exec_driver_sql(f"NOTIFY {channel_of(OWN)}, '{payload}'")
+            assert looked.wait(20) and listener.is_alive()
         rename(store, "unsw", NEW)
         board.rename("unsw", NEW)
         with board.follow() as changes:

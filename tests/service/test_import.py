@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from service.cli import run
 from service.errors import InputError
 from service.files.import_mapping import load_import_mapping
 from service.files.import_recording import import_recording, to_toml
@@ -143,6 +144,18 @@ def test_an_empty_cell_is_a_lost_sample_not_a_wrong_one(bench):
     _, _, (window,) = read_windows(bench.folder / "out.mcap")
     assert np.flatnonzero(np.isnan(window.accelerations["top"].values)).tolist() == [499]
     assert np.isfinite(window.accelerations["side"].values).all()
+
+
+@pytest.mark.parametrize("cut", [1, 2])
+def test_a_last_row_that_was_cut_off_is_left_out_and_told(bench, capsys, cut):
+    """It was left out, and that stood in the recording's notes alone."""
+    path = bench.folder / "data.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, ",".join(lines[-1].split(",")[:cut])]))
+    assert run(["import", str(bench()), "--out", str(bench.folder / "out.mcap")]) == 0
+    assert capsys.readouterr().err.count("note: the last row is cut off and left out") == 1
+    _, _, (window,) = read_windows(bench.folder / "out.mcap")
+    assert window.accelerations["top"].values.size == len(lines) - 1
 
 
 def test_encoder_edge_times_and_torque_come_through(bench):

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import signal
+import time
 from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
 import service_fakes as fakes
-from service_streams import Service, service, wait_until, write_recording
+from memory_transport import MemoryNetwork
+from service_streams import Service, SqliteFile, service, wait_until, write_recording
 from test_decisions import post
+from test_other_parts import serving
 
 from service.contract.inspections import BY_LEVEL, outcome_of
+from service.errors import StorageUnavailable
 from service.results.board import Board
 from service.results.decision_queue import DecisionQueue
+from service.results.sql_store import SqlStore
 from service.runtime.computing import Made
 from service.runtime.decisions import DecisionWorker
 from service.runtime.lane import Lane
@@ -58,6 +63,38 @@ def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path
         assert wrong["contradiction"] == "The inspection contradicts."
     with running.store() as store:
         assert [e.kind for e in store.events("unsw", 0)].count("rul") == WINDOWS + 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", ["inspection", "decision"])
+def test_what_a_full_disk_keeps_from_being_used_is_answered_at_once_as_waiting(tmp_path, recording, monkeypatch, verb):
+    """What is kept was answered after half a minute, as though it might be carried out meanwhile."""
+    network, full = MemoryNetwork(), [True]
+    for name in ("use_inspection", "carry_out"):
+        monkeypatch.setattr(SqlStore, name, _unless_full(getattr(SqlStore, name), full))
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
+        replay(recording, (), 0, publish_to=network.open_publisher)
+        running.wait_for_windows(WINDOWS)
+        began = time.monotonic()
+        if verb == "inspection":
+            status, answer = post(running, PATH, GIVEN)
+            assert status == 201 and answer["applied"] is False and answer["reason"].startswith("kept")
+        else:
+            status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
+            assert status == 202 and answer["done"] is False
+        assert time.monotonic() - began < 10.0
+        full.clear()
+        wait_until(running.ready)
+        wait_until(lambda: used(running) == 1.0 or verb == "decision")
+
+
+def _unless_full(method, full):
+    def call(*given, **named):
+        if full:
+            raise StorageUnavailable("the disk is full", reason="no space")
+        return method(*given, **named)
+
+    return call
 
 
 @pytest.mark.slow

@@ -141,7 +141,7 @@ def imported(file: Path) -> set[str]:
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
         ("sqlite3", {"results/archive.py", "results/migrate.py"}),
-        ("psycopg", {"fleet/front_watch.py", "fleet/listener.py"}),
+        ("psycopg", {"fleet/front_watch.py", "fleet/listener.py", "results/bounded_connection.py"}),
     ],
 )
 def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):

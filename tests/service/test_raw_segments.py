@@ -200,7 +200,9 @@ def test_a_service_s_segments_are_assessed_as_one_recording(tmp_path):
 
 
 @pytest.mark.parametrize("asset", ["a", "m", "z"])
-def test_a_recording_that_cannot_be_moved_holds_up_no_other(tmp_path, monkeypatch, asset):
+def test_a_recording_that_cannot_be_moved_is_named_and_neither_holds_up_others_nor_makes_the_store_unavailable(
+    tmp_path, monkeypatch, caplog, asset
+):
     store, put = Store(tmp_path), SegmentSender._put
 
     def refusing(self, path, name, start):
@@ -215,5 +217,9 @@ def test_a_recording_that_cannot_be_moved_holds_up_no_other(tmp_path, monkeypatc
     try:
         wait_until(lambda: len(store.objects) == 3 and sender.figures()["raw_segments_failed"], 10.0)
         assert len(store.waiting) == 1 and sender.figures()["raw_segments_waiting"] == 1
+        store.record(replace(frame, channel=frame.channel._replace(asset="later")) for frame in bursts(1))
+        wait_until(lambda: len(store.objects) == 4, 10.0)
+        assert sender.figures()["raw_store_unavailable"] == 0.0
+        assert caplog.text.count("stays in the spool") == 1 and str(store.waiting[0]) in caplog.text
     finally:
         sender.end()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import random
 import sqlite3
 from contextlib import closing
@@ -127,3 +128,15 @@ def test_a_server_that_is_frozen_is_away_until_it_goes_on(postgresql_server, mon
             assert is_away(caught.value)
             with SqlStore(url) as store:
                 assert [w.record["index"] for w in store.windows("unsw")] == [0]
+
+
+@pytest.mark.usefixtures("new_files_are_made")
+def test_a_new_file_of_a_database_is_its_owners_alone_with_those_beside_it(tmp_path):
+    before = os.umask(0o022)
+    try:
+        with SqlStore(tmp_path / "twin.sqlite") as store:
+            fakes.take(store, None, "unsw", 0, 100.0)
+            modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    finally:
+        os.umask(before)
+    assert modes == dict.fromkeys(("twin.sqlite", "twin.sqlite-wal", "twin.sqlite-shm"), 0o600)

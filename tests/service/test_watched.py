@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 import urllib.error
+from types import SimpleNamespace
 
 import pytest
 import service_fakes as fakes
@@ -24,6 +25,7 @@ from service.results.data_folder import WAITING
 from service.runtime.replay import replay
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
+from service.runtime.worker import Worker
 from service.runtime.worker_processes import MOST_DEATHS, Processes
 
 
@@ -67,6 +69,26 @@ def test_loop_that_does_not_turn_makes_the_service_not_alive_with_name_and_time(
     (loop,) = answer.json()["loops"]
     assert loop["loop"] == HTTP and loop["since"] in answer.json()["detail"]
     assert set(LOOPS) >= {RECEPTION, HTTP}
+
+
+@pytest.mark.parametrize("what", ["a loop that hangs", "a thread that has ended"])
+def test_a_service_is_not_ready_long_before_a_hung_loop_makes_it_not_alive(clock, what):
+    """Reception hung for more than a minute, and everybody was told that frames were taken."""
+    health = Health(120.0, clock)
+    beat, ended = health.loop(RECEPTION), threading.Thread(target=lambda: None)
+    of = SimpleNamespace(
+        _reason=None, _lost=lambda: None, _storage=StorageWatch("data"), _health=health,
+        _computing=SimpleNamespace(unusable=lambda: None),
+    )  # fmt: skip
+    assert Worker.not_ready(of) is None
+    if what == "a loop that hangs":
+        clock.now += 11.0
+        assert f"{RECEPTION}: no turn since" in Worker.not_ready(of) and health.late() == []
+        beat()
+        assert Worker.not_ready(of) is None
+    else:
+        health.thread(RETENTION, ended)
+        assert f"{RETENTION}: no turn since" in Worker.not_ready(of)
 
 
 def test_thread_that_has_ended_makes_the_service_not_alive_and_one_that_waits_for_work_does_not(clock):

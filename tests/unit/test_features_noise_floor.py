@@ -5,7 +5,9 @@ import pytest
 from scipy.signal import lfilter
 
 from twin.errors import NotAvailable, ParameterError
+from twin.features.lines import noise_rms
 from twin.features.noise_floor import exceedance, median_bias, noise_floor, power_spectrum, threshold
+from twin.features.resample import AngleSignal
 from twin.features.transforms import hann
 
 N = 16384
@@ -75,3 +77,13 @@ def test_what_cannot_be_is_refused():
         noise_floor(np.ones(5))
     with pytest.raises(NotAvailable, match="lines fill"):
         noise_floor(np.ones(500), np.ones(500, dtype=bool))
+
+
+@pytest.mark.parametrize("usable", [0, 1, 40])
+def test_a_signal_that_is_hardly_usable_on_the_angle_has_no_noise_floor_and_says_so(usable):
+    """With no usable sample at all, the longest of no stretches ended the window with a traceback."""
+    good = np.zeros(N, dtype=bool)
+    good[N // 2 : N // 2 + usable] = True
+    signal = AngleSignal(start=0.0, step=2 * np.pi / 512, values=np.ones(N), usable=good)
+    with pytest.raises(NotAvailable, match="the noise floor is not available"):
+        noise_rms(signal, 20.0, (100.0, 5000.0))

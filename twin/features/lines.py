@@ -63,6 +63,8 @@ def noise_rms(signal: AngleSignal, speed: float, band: tuple[float, float]) -> f
     mean, and lines, which do not fill all bins, hardly move it. Taken from the longest stretch without a gap.
     Where every tooth differs (pitch errors), lines fill the bins between the orders: then an upper bound.
     """
+    if not signal.usable.any():
+        raise NotAvailable("the noise floor is not available: no sample on the angle is usable")
     if not signal.usable.all():
         start, stop = max(runs(signal.usable), key=lambda r: r[1] - r[0])
         signal = AngleSignal(
