@@ -243,7 +243,13 @@ def _imported(
 
     with progress_bar("importing") as bar:
         found = import_recording(
-            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age, **dated
+            mapping,
+            out,
+            lambda done, whole: bar(done / max(whole, 1e-9), f"{done:.0f} s of {whole:.0f}"),
+            source,
+            prefix,
+            age,
+            **dated,
         )
     if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")

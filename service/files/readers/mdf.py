@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from service.files.readers.contents import Contents
+from service.files.readers.stored import Row, stored
 from service.files.readers.table import Table, unique_names
 
 
@@ -16,16 +17,26 @@ def read_mdf(path: Path) -> Table:
     """The channels of all groups, with the times of their own master channel; NaN where a sample is marked invalid."""
     from asammdf import MDF
 
-    with MDF(path) as file:
-        signals = list(file.iter_channels(skip_master=True))
-        groups = [str(s.group_index) for s in signals]
-        started = file.header.start_time
-    names = unique_names([(f"group {g}", s.name) for g, s in zip(groups, signals, strict=True)])
     found = Contents(format="MDF")
-    for name, signal in zip(names, signals, strict=True):
-        times = np.asarray(signal.timestamps, dtype=float)
-        found.add(name, partial(_valid, signal), unit=signal.unit or "", times=times)
+    rows: list[tuple[str, str, str, Row, Row]] = []
+    times: dict[int, Row] = {}
+    with MDF(path) as file:
+        for signal in file.iter_channels(skip_master=True):
+            group = signal.group_index
+            if group not in times:
+                times[group] = stored(np.asarray(signal.timestamps, dtype=float))
+            values = _valid(signal)
+            row: Row = stored(values) if values.ndim == 1 and values.dtype.kind in "fiub" else values
+            rows.append((f"group {group}", signal.name, signal.unit or "", row, times[group]))
+        started = file.header.start_time
+    names = unique_names([row[:2] for row in rows])
+    for name, (_, _, unit, row, own) in zip(names, rows, strict=True):
+        found.add(name, partial(_given, row), unit=unit, times=own)
     return found.table(started)
+
+
+def _given(row: Row) -> Row:
+    return row
 
 
 def _valid(signal: Any) -> np.ndarray:
