@@ -15,11 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 
 import numpy as np
 
 from service.errors import InputError
+from service.files.dates import DAYS, EPOCH, SIZES, TODAY
 from service.files.import_mapping import RATES, ImportMapping
 from service.files.readers import Column, Table
 from service.files.readers.stored import PIECE, Row, StoredRow, beginning, changed, pieces
@@ -38,11 +39,7 @@ TIME_UNITS = {
     "": 1.0, "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6,
     "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0,
 }  # fmt: skip
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-TODAY = (978_307_200.0, 4_102_444_800.0)  # 2001 to 2100, after EPOCH [s]
-SIZES = (1.0, 1e-3, 1e-6, 1e-9)  # units of a date as a number [s]
 SLOWEST = 20.0  # rate of a vibration from which times that state no unit may be seconds [Hz]
-DAYS = (25569.0, 719529.0)  # EPOCH as a number of days in spreadsheets, and in MATLAB
 LEAST_ROWS = 3  # that count the rows, 0, 1, 2: as a spreadsheet or a data frame numbers them
 
 

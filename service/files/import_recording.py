@@ -65,6 +65,7 @@ def import_recording(
     age: str | None = None,
     started: str | None = None,
     zone: str | None = None,
+    ask: Callable[[str], str | None] | None = None,
 ) -> dict[str, Any]:
     """Writes the recording that a mapping file describes; returns what was written and what was left out.
 
@@ -75,6 +76,7 @@ def import_recording(
               states of its own file
     started   when the file begins, in place of what mapping and file state
     zone      of a date that is a local time; None for the mapping's
+    ask       for the zone of a local time for which nobody states one
     """
     mapping = load_import_mapping(mapping_path, source)
     if started is not None and (moment := moment_in(started)) is None:
@@ -90,7 +92,7 @@ def import_recording(
         mapping = replace(mapping, age=age_of("--age", age, speed))
     elif source is not None and Path(source).resolve() != mapping.path.resolve():
         mapping = replace(mapping, age=None)  # the mapping's is that of its own file
-    return written_recording(mapping, data_file, out_path, progress, prefix)
+    return written_recording(mapping, data_file, out_path, progress, prefix, ask)
 
 
 @np.errstate(all="ignore")  # of values that are none: what is wrong with them is said
@@ -100,6 +102,7 @@ def written_recording(
     out_path: str | Path,
     progress: Progress | None = None,
     prefix: str = PREFIX,
+    ask: Callable[[str], str | None] | None = None,
 ) -> dict[str, Any]:
     """Writes the recording of a checked mapping and a data file; returns what was written and what was left out."""
     data = read_columns(mapping, data_file)
@@ -108,7 +111,7 @@ def written_recording(
     if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
-    began, undated = _began(data, data_file)
+    began, undated = _began(data, data_file, ask)
     started = began or CLOCK_START
     counted = counted_edges(data)
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
@@ -148,13 +151,16 @@ def _told(progress: Progress, whole: float, done: float) -> None:
     progress(done, whole)
 
 
-def _began(data: DataFile, data_file: Path) -> tuple[datetime | None, str]:
+def _began(data: DataFile, data_file: Path, ask: Callable[[str], str | None] | None) -> tuple[datetime | None, str]:
     """When the recording begins, as stated by a person, else by the file, and what is not sure of it."""
     mapping = data.mapping
     stated = mapping.started or data.started
     if stated is None:
         return None, _undated(data_file)
-    began, unsure = in_zone(mapping.where if mapping.started else str(data_file), stated, mapping.zone)
+    where, zone = mapping.where if mapping.started else str(data_file), mapping.zone
+    if stated.tzinfo is None and zone is None and ask is not None:
+        zone = ask(f"{where} began at {stated:%Y-%m-%d %H:%M:%S} by a clock whose zone is not stated")
+    began, unsure = in_zone(where, stated, zone)
     if began > datetime.now(UTC) + timedelta(seconds=AGREES):
         cure = unsure or f"{data_file}: correct its date"
         raise InputError(f"{data_file}: begins at {began.isoformat()}, which is in the future; {cure}")

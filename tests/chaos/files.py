@@ -303,7 +303,8 @@ def _imported(path: Path) -> dict[str, Any]:
 def _command(command: str, path: Path, *options: str) -> dict[str, Any]:
     """A command as a person runs it: what is printed of errors, also by libraries, is one line for each."""
     warnings.resetwarnings()
-    warnings.filterwarnings("ignore", category=DeprecationWarning)
+    for hidden in (DeprecationWarning, ResourceWarning):  # as where nobody asks for them
+        warnings.filterwarnings("ignore", category=hidden)
     said = path.with_name(path.name + ".said")
     with said.open("ab") as file:
         os.dup2(file.fileno(), 1)

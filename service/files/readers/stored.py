@@ -94,6 +94,10 @@ class GrowingRow:
             return np.concatenate(self._held) if self._held else np.empty(0)
         return StoredRow(size=self._size, dtype=self._dtype, read=self._read)
 
+    def __del__(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
     def _read(self, begin: int, end: int) -> np.ndarray:
         self._file.seek(begin * self._dtype.itemsize)
         return np.fromfile(self._file, dtype=self._dtype, count=end - begin)
