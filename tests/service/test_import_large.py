@@ -12,9 +12,9 @@ from service.files.import_recording import import_recording
 from service.files.readers.stored import SHORT, GrowingRow, StoredRow, beginning, changed, pieces, row_of, stored
 
 RATE = 25600.0
-LONG = 1_500_000
-TEXT = 300_000  # rows
-PACKED = 28e6  # of memory that no file needs more of [bytes]
+LONG = 2_500_000
+TEXT = 600_000  # rows
+PACKED = 40e6  # of memory that no file needs more of [bytes]
 
 
 def vibration(n):
@@ -77,7 +77,15 @@ def csv_gz(path):
 
 @pytest.mark.parametrize(
     ("write", "whole"),
-    [(wav, 0), (npz, 1), (mat, 1), (h5, 0), (tdms, 0), (parquet, 0), (csv, 0), (csv_gz, 0)],
+    [
+        (wav, 0),
+        (csv, 0),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in ((npz, 1), (mat, 1), (h5, 0), (tdms, 0), (parquet, 0))
+        ),
+        pytest.param(csv_gz, 0, marks=pytest.mark.slow),
+    ],
     ids=lambda value: getattr(value, "__name__", value),
 )
 def test_an_import_takes_little_memory_beside_one_copy_of_its_longest_column(tmp_path, write, whole):

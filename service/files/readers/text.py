@@ -24,7 +24,7 @@ from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of,
 BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
 
 HEAD = 2**20  # of a file, by which its encoding is known [bytes]
-LINES = 100_000  # that are read at once
+LINES = 50_000  # that are read at once
 LONGEST = 2**20  # line that a table may have [characters]
 
 
