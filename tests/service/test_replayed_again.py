@@ -16,7 +16,7 @@ from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import decode, encode
 
 DAY = 86_400.0
-COUNTS = {"conflict": 5, "past": 2, "undated": 2}
+COUNTS = {"conflict": 20, "past": 10, "undated": 10}
 
 
 def rewritten(path, change=lambda number, frame: frame, **metadata):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from service.files.readers.contents import Contents
-from service.files.readers.stored import Row, stored
+from service.files.readers.stored import SHORT, GrowingRow, Row
 from service.files.readers.table import Table, unique_names
+
+RECORDS = 2**22  # that are read at once: the library goes through all before them each time
 
 
 def read_mdf(path: Path) -> Table:
@@ -21,18 +24,37 @@ def read_mdf(path: Path) -> Table:
     rows: list[tuple[str, str, str, Row, Row]] = []
     times: dict[int, Row] = {}
     with MDF(path) as file:
-        for signal in file.iter_channels(skip_master=True):
-            group = signal.group_index
-            if group not in times:
-                times[group] = stored(np.asarray(signal.timestamps, dtype=float))
-            values = _valid(signal)
-            row: Row = stored(values) if values.ndim == 1 and values.dtype.kind in "fiub" else values
-            rows.append((f"group {group}", signal.name, signal.unit or "", row, times[group]))
+        for group, channel in _channels(file):
+            values, own = GrowingRow(), GrowingRow()
+            for signal in _signals(file, group, channel):
+                if group not in times:
+                    own.append(np.asarray(signal.timestamps, dtype=float))
+                values.append(_valid(signal))
+            times.setdefault(group, own.row())
+            rows.append((f"group {group}", signal.name, signal.unit or "", values.row(), times[group]))
         started = file.header.start_time
     names = unique_names([row[:2] for row in rows])
-    for name, (_, _, unit, row, own) in zip(names, rows, strict=True):
-        found.add(name, partial(_given, row), unit=unit, times=own)
+    for name, (_, _, unit, row, master) in zip(names, rows, strict=True):
+        found.add(name, partial(_given, row), unit=unit, times=master)
     return found.table(started)
+
+
+def _channels(file: Any) -> Iterator[tuple[int, int]]:
+    """Group and index of each channel that is no master."""
+    for virtual in file.virtual_groups:
+        for group, channels in file.included_channels(virtual)[virtual].items():
+            yield from ((group, channel) for channel in channels)
+
+
+def _signals(file: Any, group: int, channel: int) -> Iterator[Any]:
+    """A channel in pieces, each with its own times."""
+    count = file.groups[group].channel_group.cycles_nr
+    if count <= SHORT:
+        yield file.get(group=group, index=channel, ignore_invalidation_bits=True)
+        return
+    for begin in range(0, count, RECORDS):
+        part = {"record_offset": begin, "record_count": min(RECORDS, count - begin)}
+        yield file.get(group=group, index=channel, ignore_invalidation_bits=True, **part)
 
 
 def _given(row: Row) -> Row:

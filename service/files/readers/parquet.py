@@ -17,7 +17,7 @@ def read_parquet(path: Path) -> Table:
     import pyarrow.parquet as parquet
 
     found = Contents(format="Parquet")
-    with parquet.ParquetFile(path) as file:
+    with parquet.ParquetFile(path, pre_buffer=False) as file:
         schema = file.schema_arrow
         found.entries += [(key.decode(errors="replace"), value) for key, value in (schema.metadata or {}).items()]
         for field in schema:
