@@ -13,7 +13,7 @@ from service.files.readers.contents import Contents
 from service.files.readers.stored import SHORT, GrowingRow, Row
 from service.files.readers.table import Table, unique_names
 
-RECORDS = 2**22  # that are read at once: the library goes through all before them each time
+RECORDS = 2**20  # that are read at once: the library goes through all before them each time
 
 
 def read_mdf(path: Path) -> Table:
@@ -23,7 +23,7 @@ def read_mdf(path: Path) -> Table:
     found = Contents(format="MDF")
     rows: list[tuple[str, str, str, Row, Row]] = []
     times: dict[int, Row] = {}
-    with MDF(path) as file:
+    with path.open("rb") as raw, MDF(raw) as file:  # by its path it would be mapped into memory whole
         for group, channel in _channels(file):
             values, own = GrowingRow(), GrowingRow()
             for signal in _signals(file, group, channel):
