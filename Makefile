@@ -88,6 +88,7 @@ chaos: install-dev
 	$(BIN)/python -m tests.chaos frames $(ARGS)
 	$(BIN)/python -m tests.chaos recordings --processes $(WORKERS) $(ARGS)
 	$(BIN)/python -m tests.chaos rigs --processes $(WORKERS) $(ARGS)
+	$(BIN)/python -m tests.chaos measurements --processes $(WORKERS) $(ARGS)
 	$(BIN)/python -m tests.chaos http $(ARGS)
 	$(BIN)/python -m tests.chaos guided $(ARGS)
 	$(BIN)/python -m tests.chaos kills $(ARGS)

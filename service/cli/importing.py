@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -99,24 +100,38 @@ def import_(
     elif out is None:
         raise InputError("--out must name the MCAP file to write; or --guess: propose a mapping for a data file")
     if out is not None:
-        dated = {"started": started, "zone": zone}
+        dated: dict[str, Any] = {"started": started, "zone": zone, "ask": None if yes else _zone_asked()}
         said |= _imported(mapping, out, source, prefix_of(prefix), age, dated, quiet=str(json) == "-")
     wrote_json(said, json)
 
 
 def _asked_age(yes: bool) -> str | None:
     """The age of the gears as a person at a terminal types it; None where nobody is asked."""
-    from service.errors import InputError
     from service.files.gear_age import age_of
 
     if yes or not sys.stdin.isatty():
         return None
+    question = "Age of the gears when the file begins (new / such as 5000 rev or 1200 h / unknown)"
+    return _asked(question, "unknown", lambda given: age_of("age", given, speed_hz=1.0))
+
+
+def _zone_asked() -> Callable[[str], str] | None:
+    """Asks a person at a terminal for a zone; None where nobody can be asked."""
+    from service.files.dates import zone_of
+
+    if not sys.stdin.isatty():
+        return None
+    return lambda said: _asked(f"{said}. Its zone (such as Europe/Berlin or +01:00)", "UTC", zone_of)
+
+
+def _asked(question: str, default: str, check: Callable[[str], Any]) -> str:
+    """An answer that passes a check, however often it takes."""
+    from service.errors import InputError
+
     while True:
-        given = typer.prompt(
-            "Age of the gears when the file begins (new / such as 5000 rev or 1200 h / unknown)", default="unknown"
-        )
+        given = str(typer.prompt(question, default=default))
         try:
-            age_of("age", given, speed_hz=1.0)
+            check(given)
         except InputError as error:
             typer.echo(str(error), err=True)
             continue
@@ -234,7 +249,7 @@ def _imported(
     source: Path | None,
     prefix: str,
     age: str | None,
-    dated: dict[str, str | None],
+    dated: dict[str, Any],
     *,
     quiet: bool,
 ) -> dict[str, Any]:
@@ -243,7 +258,13 @@ def _imported(
 
     with progress_bar("importing") as bar:
         found = import_recording(
-            mapping, out, lambda done, total: bar(done / max(total, 1), f"{done} frames"), source, prefix, age, **dated
+            mapping,
+            out,
+            lambda done, whole: bar(done / max(whole, 1e-9), f"{done:.0f} s of {whole:.0f}"),
+            source,
+            prefix,
+            age,
+            **dated,
         )
     if not quiet:
         print(f"{found['frames']} frames of {found['duration']:g} s imported: {out}")

@@ -13,10 +13,16 @@ from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from typing import Any
 from zoneinfo import ZoneInfo
 
+import numpy as np
+
 from service.errors import InputError
 
 EXAMPLE = "2026-03-12T08:14:00+01:00"
 _EARLIEST = 1971
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+TODAY = (978_307_200.0, 4_102_444_800.0)  # 2001 to 2100, after EPOCH [s]
+SIZES = (1.0, 1e-3, 1e-6, 1e-9)  # units of a date as a number [s]
+DAYS = (25569.0, 719529.0)  # EPOCH as a number of days in spreadsheets, and in MATLAB
 _MONTHS = (
     ("jan",), ("feb",), ("mar", "mär", "mrz"), ("apr",), ("may", "mai"), ("jun",), ("jul",), ("aug",), ("sep",),
     ("oct", "okt"), ("nov",), ("dec", "dez"),
@@ -107,7 +113,7 @@ def stated_in(entries: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> datetim
     Of entries whose name says that they are of something else, such as a calibration, none is read.
     """
     pairs = entries.items() if isinstance(entries, Mapping) else entries
-    texts = [(name, _text_of(value)) for name, value in pairs]
+    texts = [(name, _text_of(value) or _text_of(_counted(name, value))) for name, value in pairs]
     kept = [(name, text) for name, text in texts if text and not _NOT_THE_START.search(name)]
     named = [(name, text) for name, text in kept if _NAMES.search(name)]
     found = [moment for _, text in named if (moment := moment_in(text)) is not None]
@@ -116,6 +122,20 @@ def stated_in(entries: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> datetim
         hour = next((text for name, text in kept if _TIME.search(text) and _day_in(text) is None), None)
         return None if day is None or hour is None else moment_in(f"{day} {hour}")
     return found[0]
+
+
+def _counted(name: str, value: Any) -> datetime | None:
+    """The date that a number of such a name counts up to: from 1970 in UTC, or days by a local clock."""
+    if not _NAMES.search(name) or isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        return None
+    number = float(value)
+    size = next((unit for unit in SIZES if TODAY[0] < number * unit < TODAY[1]), None)
+    if size is not None:
+        return EPOCH + timedelta(seconds=number * size)
+    zero = next((days for days in DAYS if TODAY[0] < (number - days) * 86400.0 < TODAY[1]), None)
+    if zero is None or number == int(number):  # a day without a time of day
+        return None
+    return EPOCH.replace(tzinfo=None) + timedelta(seconds=round((number - zero) * 86400.0, 3))
 
 
 def _text_of(value: Any) -> str:

@@ -23,6 +23,7 @@ from service.errors import InputError
 from service.files.import_channel import COUNTS, unwrapped
 from service.files.import_rate import AGREEMENT, TIME_UNITS, TimeAxis, axis_of, counts_rows, is_time, time_axes
 from service.files.readers import Column, Table
+from service.files.readers.stored import beginning
 from service.files.readers.table import UNIT_NAMES, split_unit
 from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
 from service.stream.channels import SHAFTS
@@ -105,6 +106,7 @@ class Proposal:
     axes: tuple[TimeAxis, ...]
 
 
+@np.errstate(all="ignore")  # of values that are none: what is wrong with them is said
 def proposal_of(table: Table, file: str, rate: float | None = None, shaft: str | None = None) -> Proposal:
     """What the columns of a file may be; InputError where no rate is known or two statements of it contradict.
 
@@ -145,7 +147,7 @@ def _axes(table: Table, file: str) -> tuple[TimeAxis, ...]:
     first = table.columns[0]
     if axes or len(table.columns) < 2 or table.rate or first.rate or first.times is not None or counts_rows(first):
         return tuple(axes)
-    steps = np.diff(np.asarray(first.values, dtype=float))
+    steps = np.diff(beginning(first.values).astype(float))
     if not np.all(steps > 0) or is_time(first) or split_unit(first.name)[1].lower() not in TIME_UNITS:
         return ()
     try:
@@ -189,7 +191,7 @@ def _level_pairs(columns: Sequence[Column]) -> list[tuple[str, str]]:
     stems: dict[str, dict[str, str]] = {}
     for column in columns:
         found = LEVELS_AB.match(split_unit(column.name)[0])
-        if found and np.isin(np.unique(np.asarray(column.values)[:100000]), (0, 1)).all():
+        if found and np.isin(np.unique(column.values[:100000]), (0, 1)).all():
             stems.setdefault(found["stem"], {})[found["level"].lower()] = column.name
     return [(pair["a"], pair["b"]) for pair in stems.values() if len(pair) == 2]
 
@@ -205,7 +207,7 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
     """One column, by unit, name and values."""
     name, unit = split_unit(column.name)
     unit = (column.unit or unit).strip()
-    values = np.asarray(column.values, dtype=float)
+    values = beginning(column.values).astype(float)
     good = values[np.isfinite(values)]
     base = Guess(columns=(column.name,), kind=LEFT_OUT, why="")
     if good.size < values.size / 2 or good.size < 2:
@@ -216,7 +218,7 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
         return replace(base, why="counts the rows: no time; give the sample rate (--rate)")
     going = np.diff(unwrapped(good))
     if np.all(going >= 0) or np.all(going <= 0):
-        return _rising(base, values, longest)
+        return _rising(base, values, column.values.size < longest)
     known = UNITS.get(unit.lower())
     if unit.lower() in OTHER_UNITS or (known is None and unit.lower() in UNIT_NAMES - RAW_UNITS):
         return replace(base, why=OTHER_UNITS.get(unit.lower(), f"a quantity in {unit} has no channel"))
@@ -262,9 +264,9 @@ def _are_classes(good: np.ndarray) -> bool:
     )
 
 
-def _rising(base: Guess, values: np.ndarray, longest: int) -> Guess:
+def _rising(base: Guess, values: np.ndarray, shorter: bool) -> Guess:
     """A column that goes one way: times of edges where it is shorter than the signals, else a counter or a time."""
-    if values.size < longest and np.all(np.diff(values) > 0):
+    if shorter and np.all(np.diff(values) > 0):
         return replace(
             base, kind="encoder", unit="s", why="rises, and is shorter than the signals: times of edges",
             remark="edges_per_rev is not in the file: give the edges a turn",

@@ -8,7 +8,7 @@ from pathlib import Path
 from service.files.import_channel import ChannelMapping
 from service.files.units import UNITS
 from service.stream.channels import CHANNEL_KINDS
-from service.stream.sources.mcap import read_windows
+from service.stream.sources.mcap import Recording, windows_of
 from twin.plausibility import mistakes_of
 from twin.rig import Rig
 
@@ -18,16 +18,18 @@ SAME = 0.01  # relative difference of two factors that are one
 
 def likely_mistakes(recording: Path, prefix: str) -> list[str]:
     """A line for each fault and each likely mistake of a recording's windows, each once."""
-    rig, _, windows = read_windows(recording, prefix=prefix)
-    known = Rig.from_mapping(rig or {})
     lines: dict[tuple[str, ...], str] = {}  # windows of one recording repeat a mistake with other figures
-    for number, window in enumerate(windows):
-        for fault in window.faults:
-            said = f"{fault.channel}: {fault.kind.replace('_', ' ')}" + (f", {fault.detail}" if fault.detail else "")
-            lines.setdefault((fault.channel, fault.kind), said)
-        if number < EXAMINED:
-            for mistake in mistakes_of(known, window):
-                lines.setdefault((*mistake.channels, mistake.kind), mistake.text)
+    with Recording(recording, prefix) as opened:
+        known = Rig.from_mapping(opened.rig() or {})
+        for number, window in enumerate(windows_of(opened)):
+            for fault in window.faults:
+                said = f"{fault.channel}: {fault.kind.replace('_', ' ')}" + (
+                    f", {fault.detail}" if fault.detail else ""
+                )
+                lines.setdefault((fault.channel, fault.kind), said)
+            if number < EXAMINED:
+                for mistake in mistakes_of(known, window):
+                    lines.setdefault((*mistake.channels, mistake.kind), mistake.text)
     return list(lines.values())
 
 

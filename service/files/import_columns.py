@@ -14,6 +14,7 @@ from service.files.import_channel import COUNTS, QUADRATURE, SAMPLED, ChannelMap
 from service.files.import_mapping import ImportMapping
 from service.files.import_rate import TimeAxis, time_axes, timing_of
 from service.files.readers import Column, Table, read_table
+from service.files.readers.stored import Row, changed, pieces
 from service.files.readers.table import split_unit
 from service.stream.channels import CHANNEL_KINDS, Layout
 
@@ -24,7 +25,7 @@ LEAST_PRESENT = 0.5  # share of a column that must be there
 class Measured:
     """The values of one channel, in the contract's unit; edge times in s, levels and pulses as they are."""
 
-    values: np.ndarray  # (n,), of a quadrature encoder its two levels (2, n)
+    values: Row  # (n,), of a quadrature encoder its two levels (2, n)
     rate: float  # [Hz]; 0 of edge times
     start: float  # of the first value after the recording's start [s]; of edge times 0
     missing: int = 0  # samples that its times show to be missing
@@ -52,6 +53,7 @@ def read_columns(mapping: ImportMapping, path: Path) -> DataFile:
     return columns_of(mapping, table, path.name)
 
 
+@np.errstate(all="ignore")  # of values that are none: what is wrong with them is said
 def columns_of(mapping: ImportMapping, table: Table, file: str) -> DataFile:
     """The mapped columns of a data file that has been read; InputError where mapping and file contradict."""
     used = {column for channel in mapping.channels for column in channel.columns}
@@ -78,7 +80,9 @@ def _from_one_origin(measured: Mapping[str, Measured], timed: bool) -> dict[str,
     origin = min(starts, default=0.0)
     edges_from = origin if timed else min(origin, 0.0)
     return {
-        label: replace(m, start=m.start - origin) if m.rate > 0 else replace(m, values=m.values - edges_from)
+        label: replace(m, start=m.start - origin)
+        if m.rate > 0
+        else replace(m, values=np.asarray(m.values) - edges_from)
         for label, m in measured.items()
     }
 
@@ -100,7 +104,7 @@ def _measured(
     if timing.axis is not None:
         values = [timing.axis.laid_out(v) for v in values]
     return Measured(
-        values=values[0] if len(values) == 1 else np.stack(values),
+        values=values[0] if len(values) == 1 else np.stack([np.asarray(v) for v in values]),
         rate=timing.rate,
         start=timing.start,
         missing=timing.axis.missing if timing.axis else 0,
@@ -140,35 +144,60 @@ def _with_edges(mapping: ImportMapping, channel: ChannelMapping, table: Table, f
     return replace(channel, edges_per_rev=checked_edges(mapping.where, f"{key} = {name!r} of {file}", number))
 
 
-def _checked_values(mapping: ImportMapping, channel: ChannelMapping, column: Column, file: str) -> np.ndarray:
+def _checked_values(mapping: ImportMapping, channel: ChannelMapping, column: Column, file: str) -> Row:
+    """The values of a column in the contract's unit; in memory, but those that are sampled evenly."""
     key = f"{mapping.where}: {channel.key}.{_key(channel)} = {column.name!r}"
     kind = CHANNEL_KINDS[channel.kind]
-    array = np.asarray(column.values).astype(float) * channel.factor + channel.offset
-    good = np.isfinite(array)
-    if array.size < 2 or good.mean() < LEAST_PRESENT:
-        raise InputError(f"{key} has {int(good.sum())} finite values of {array.size} in {file}; the right column?")
-    if channel.unit == QUADRATURE:
-        _check_levels(key, array, good, file)
-    elif channel.unit == COUNTS:
-        if not good.all() or np.any(array != np.rint(array)):
-            raise InputError(f"{key} must hold whole numbers at every sample in {file}: counts of an encoder?")
-        return unwrapped(array)
-    elif kind.layout is Layout.EDGES and channel.unit not in SAMPLED:
-        if not good.all() or np.any(np.diff(array) <= 0):
+    row = changed(column.values, lambda part: part.astype(float) * channel.factor + channel.offset)
+    seen = _seen(row)
+    if row.size < 2 or seen.finite < LEAST_PRESENT * row.size:
+        raise InputError(f"{key} has {seen.finite} finite values of {row.size} in {file}; the right column?")
+    if kind.layout is Layout.EDGES and channel.unit not in SAMPLED:
+        array = np.asarray(row)
+        if seen.finite < array.size or np.any(np.diff(array) <= 0):
             raise InputError(
                 f"{key} must hold rising edge times [s]; levels (unit {QUADRATURE!r}), a counter (unit {COUNTS!r}), "
                 f"or the voltage of a tachometer (kind 'tachometer')?"
             )
-    elif np.ptp(array[good]) == 0 and not kind.slow:
-        raise InputError(f"{key} is {array[good][0]:g} throughout {file}; the right column?")
-    elif kind.vibration and np.all(np.diff(array[good]) > 0):
+        return array
+    if channel.unit == QUADRATURE:
+        _check_levels(key, np.asarray(row), seen, file)
+    elif channel.unit == COUNTS:
+        array = np.asarray(row)
+        if seen.finite < array.size or np.any(array != np.rint(array)):
+            raise InputError(f"{key} must hold whole numbers at every sample in {file}: counts of an encoder?")
+        return unwrapped(array)
+    elif seen.low == seen.high and not kind.slow:
+        raise InputError(f"{key} is {seen.low:g} throughout {file}; the right column?")
+    elif kind.vibration and seen.rises:
         raise InputError(f"{key} only rises throughout {file}: a time or a counter, not a vibration")
-    return array
+    return row
 
 
-def _check_levels(key: str, array: np.ndarray, good: np.ndarray, file: str) -> None:
-    if not good.all() or not np.isin(array, (0.0, 1.0)).all():
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """What a whole row of numbers is like."""
+
+    finite: int
+    low: float
+    high: float
+    rises: bool
+
+
+def _seen(row: Row) -> _Seen:
+    finite, low, high, rises, before = 0, np.inf, -np.inf, True, np.empty(0)
+    for part in pieces(row):
+        good = part[np.isfinite(part)]
+        finite += good.size
+        low, high = min(low, good.min(initial=np.inf)), max(high, good.max(initial=-np.inf))
+        rises = rises and bool(np.all(np.diff(np.concatenate((before, good))) > 0))
+        before = good[-1:] if good.size else before
+    return _Seen(finite=finite, low=low, high=high, rises=rises)
+
+
+def _check_levels(key: str, array: np.ndarray, seen: _Seen, file: str) -> None:
+    if seen.finite < array.size or not np.isin(array, (0.0, 1.0)).all():
         raise InputError(
-            f"{key} must hold levels 0 and 1, and goes from {array[good].min():g} to {array[good].max():g} in "
-            f"{file}; volts that have not been cut at a threshold, or counts?"
+            f"{key} must hold levels 0 and 1, and goes from {seen.low:g} to {seen.high:g} in {file}; volts that have "
+            f"not been cut at a threshold, or counts?"
         )

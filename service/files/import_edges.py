@@ -31,12 +31,12 @@ def counted_edges(data: DataFile) -> dict[str, Counted]:
         measured = data.channels[channel.label]
         try:
             if channel.unit == QUADRATURE:
-                levels = quadrature(*measured.values)
+                levels = quadrature(*np.asarray(measured.values))
                 out[channel.label] = _of_counts(
                     levels.counts, measured.rate, levels.illegal, levels.filled, levels.reversals
                 )
             elif channel.unit == COUNTS:
-                out[channel.label] = _of_counts(measured.values.astype(np.int64), measured.rate)
+                out[channel.label] = _of_counts(np.asarray(measured.values).astype(np.int64), measured.rate)
             elif channel.unit == PULSES:
                 out[channel.label] = _of_pulses(measured, channel)
         except WindowError as error:
@@ -63,7 +63,7 @@ def _of_counts(
 
 def _of_pulses(measured: Measured, channel: ChannelMapping) -> Counted:
     assert channel.pulses is not None
-    found = pulses_of(measured.values, measured.rate, channel.pulses)
+    found = pulses_of(np.asarray(measured.values), measured.rate, channel.pulses)
     figures = {
         "edges": found.times.size,
         "missed": found.missed,

@@ -15,13 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 
 import numpy as np
 
 from service.errors import InputError
+from service.files.dates import DAYS, EPOCH, SIZES, TODAY
 from service.files.import_mapping import RATES, ImportMapping
 from service.files.readers import Column, Table
+from service.files.readers.stored import PIECE, Row, StoredRow, beginning, changed, pieces
 from service.files.readers.table import group_of, rounded_rate, split_unit
 
 AGREEMENT = 1e-3  # relative difference of two statements of one rate: more than a recorder's clock is off
@@ -37,11 +39,7 @@ TIME_UNITS = {
     "": 1.0, "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6,
     "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0,
 }  # fmt: skip
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-TODAY = (978_307_200.0, 4_102_444_800.0)  # 2001 to 2100, after EPOCH [s]
-SIZES = (1.0, 1e-3, 1e-6, 1e-9)  # units of a date as a number [s]
 SLOWEST = 20.0  # rate of a vibration from which times that state no unit may be seconds [Hz]
-DAYS = (25569.0, 719529.0)  # EPOCH as a number of days in spreadsheets, and in MATLAB
 LEAST_ROWS = 3  # that count the rows, 0, 1, 2: as a spreadsheet or a data frame numbers them
 
 
@@ -58,12 +56,12 @@ class TimeAxis:
     began: datetime | None = None  # where the times are dates as numbers
     assumed: bool = False  # nothing says that they are in seconds
 
-    def laid_out(self, values: np.ndarray) -> np.ndarray:
+    def laid_out(self, values: Row) -> Row:
         """The values on the even grid, NaN where one is missing."""
         if self.places is None:
             return values
         out = np.full(int(self.places[-1]) + 1, np.nan)
-        out[self.places] = values
+        out[self.places] = np.asarray(values)
         return out
 
     @property
@@ -83,7 +81,7 @@ class Timing:
 
 def is_time(column: Column) -> bool:
     """Whether a column is the time of the others, by its type or its name, and by rising almost everywhere."""
-    values = np.asarray(column.values, dtype=float)
+    values = beginning(column.values).astype(float)
     name = split_unit(group_of(column.name)[1])[0].lower().strip("_ ")
     if not column.is_time and name not in TIME_NAMES | {"time_s", "t_s"}:
         return False
@@ -94,7 +92,7 @@ def is_time(column: Column) -> bool:
 
 def counts_rows(column: Column) -> bool:
     """Whether a column without a unit of time is the number of each row: 0, 1, 2, … or 1, 2, 3, …"""
-    values = np.asarray(column.values, dtype=float)
+    values = beginning(column.values).astype(float)
     unit = (column.unit or split_unit(column.name)[1]).lower()
     if unit not in ("", "-") or column.is_time or values.size < LEAST_ROWS or values[0] not in (0.0, 1.0):
         return False
@@ -141,30 +139,32 @@ def axis_of(axes: Sequence[TimeAxis], column: Column) -> TimeAxis | None:
 def _axis_of(where: str, column: Column, file: str) -> TimeAxis:
     unit = (column.unit or split_unit(column.name)[1]).lower()
     place = f"{where}: the time column {column.name!r} of {file}"
-    if unit == "" or (unit in TIME_UNITS and not column.is_time and _of_today(column.values, TIME_UNITS[unit])):
+    if unit == "" or (
+        unit in TIME_UNITS and not column.is_time and _of_today(float(column.values[0]), TIME_UNITS[unit])
+    ):
         return _dated_axis(place, column)
     if unit not in TIME_UNITS:
         raise InputError(f"{place} is in {unit!r}, must be in s, ms, us or min")
     return even_axis(place, column.name, column.values, TIME_UNITS[unit])
 
 
-def _of_today(values: np.ndarray, unit: float) -> bool:
-    return bool(TODAY[0] < float(values[0]) * unit < TODAY[1])
+def _of_today(first: float, unit: float) -> bool:
+    return bool(TODAY[0] < first * unit < TODAY[1])
 
 
 def _dated_axis(where: str, column: Column) -> TimeAxis:
     """The even grid of times without a unit, which their size tells where they are dates."""
-    values = np.asarray(column.values)
-    size = next((unit for unit in SIZES if _of_today(values, unit)), None)
-    zero = next((d for d in DAYS if _of_today(values - d, 86400.0)), None)
+    values = column.values
+    first = float(values[0])
+    length = float(values[-1]) - first
+    size = next((unit for unit in SIZES if _of_today(first, unit)), None)
+    zero = next((d for d in DAYS if _of_today(first - d, 86400.0)), None)
     if size is not None:
-        axis = even_axis(where, column.name, values - values[0], size)
-        return replace(axis, began=EPOCH + timedelta(seconds=float(values[0]) * size))
-    if zero is not None and 0 < np.ptp(values) < 1 and values.size > RATES[1] * np.ptp(values):
-        axis = even_axis(where, column.name, values - values[0], 86400.0)
-        return replace(
-            axis, began=EPOCH.replace(tzinfo=None) + timedelta(days=float(values[0]) - zero)
-        )  # of a local clock
+        axis = even_axis(where, column.name, changed(values, lambda part: part - values[0]), size)
+        return replace(axis, began=EPOCH + timedelta(seconds=first * size))
+    if zero is not None and 0 < length < 1 and values.size > RATES[1] * length:
+        axis = even_axis(where, column.name, changed(values, lambda part: part - values[0]), 86400.0)
+        return replace(axis, began=EPOCH.replace(tzinfo=None) + timedelta(days=first - zero))  # of a local clock
     return replace(even_axis(where, column.name, values), assumed=True)
 
 
@@ -172,66 +172,112 @@ def _listed(table: Table) -> str:
     return ", ".join(table.names) or "no named column"
 
 
-def even_axis(where: str, name: str, values: np.ndarray, seconds: float = 1.0) -> TimeAxis:
+def even_axis(where: str, name: str, values: Row, seconds: float = 1.0) -> TimeAxis:
     """The even grid of a column of times, whose unit has so many seconds; InputError where they are not even."""
-    t = np.asarray(values, dtype=float)
-    if t.size < 2 or not np.isfinite(t).all():
-        missing = int(np.count_nonzero(~np.isfinite(t)))
+    t = changed(values, lambda part: part.astype(float) * seconds)
+    missing = sum(int(np.count_nonzero(~np.isfinite(part))) for part in pieces(t))
+    if t.size < 2 or missing:
         raise InputError(f"{where} has {t.size} values, of which {missing} are empty; every row must have its time")
-    printed = _resolution(np.asarray(values)) * seconds
-    t = t * seconds
-    steps = np.diff(t)
-    if np.any(steps < 0):
-        row = int(np.argmax(steps < 0))
-        raise InputError(
-            f"{where} falls from {t[row]:.9g} s to {t[row + 1]:.9g} s at row {row + 2}; two records in one?"
-        )
-    if t[-1] == t[0]:
-        raise InputError(f"{where} is {t[0]:g} s throughout")
-    if np.mean(steps == 0) > UNEVEN:  # several rows share a printed time
-        return _coarse(where, name, t, np.flatnonzero(steps > 0) + 1)
-    rate, rest = _line(np.arange(t.size), t)
-    step = float(np.median(steps))
-    long, short = steps > GAP * step, steps < 0.5 * step
-    if np.ptp(rest) <= 1.1 * printed and np.count_nonzero(long) > 2:  # unequal steps of an even time, as printed
+    printed = _resolution(values) * seconds
+    length, start = float(t[-1]) - float(t[0]), float(t[0])
+    steps = _steps_of(where, t, printed)
+    if length == 0:
+        raise InputError(f"{where} is {start:g} s throughout")
+    if steps.zero > UNEVEN * (t.size - 1):  # several rows share a printed time
+        return _coarse(where, name, t)
+    rate, low, high = _line(StoredRow(size=t.size, dtype=np.dtype(float), read=_numbers), t)
+    if high - low <= 1.1 * printed and steps.long > 2:  # unequal steps of an even time, as printed
         return _axis(name, t, rate, printed * rate / t.size)
-    if short.mean() + (long & (steps < 2 * step - 0.5 * printed)).mean() > UNEVEN:
+    if steps.odd > UNEVEN * (t.size - 1):
         raise InputError(
-            f"{where} is not evenly spaced: steps from {steps.min():.3g} to {steps.max():.3g} s, half of them below "
-            f"{step:.3g} s; resample the data evenly first"
+            f"{where} is not evenly spaced: steps from {steps.low:.3g} to {steps.high:.3g} s, half of them below "
+            f"{steps.usual:.3g} s; resample the data evenly first"
         )
-    if not long.any():
-        return _axis(name, t, (t.size - 1) / (t[-1] - t[0]), max(printed, 1e-3 * step) / (t[-1] - t[0]))
-    regular = float(np.mean(steps[~long]))
+    if not steps.long:
+        return _axis(name, t, (t.size - 1) / length, max(printed, 1e-3 * steps.usual) / length)
+    return _with_gaps(where, name, t, GAP * steps.usual, printed)
+
+
+def _with_gaps(where: str, name: str, times: Row, longest: float, printed: float) -> TimeAxis:
+    """The grid of times of which some steps are longer than the longest of a whole recording [s]."""
+    t = np.asarray(times)
+    steps = np.diff(t)
+    regular = float(np.mean(steps[steps <= longest]))
     places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(steps / regular))))).astype(np.int64)
     if places[-1] + 1 > 2 * t.size:
         raise InputError(
-            f"{where} has gaps of {np.sum(steps[long]):.4g} s, longer than its {t.size} values at {1 / regular:.6g} "
-            f"Hz; import the parts one by one"
+            f"{where} has gaps of {np.sum(steps[steps > longest]):.4g} s, longer than its {t.size} values at "
+            f"{1 / regular:.6g} Hz; import the parts one by one"
         )
     axis = _axis(name, t, places[-1] / (t[-1] - t[0]), (printed + regular) / (t[-1] - t[0]))
     return replace(axis, places=places)
 
 
-def _axis(name: str, t: np.ndarray, rate: float, uncertainty: float, start: float | None = None) -> TimeAxis:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Steps:
+    """The steps of a column of times."""
+
+    usual: float  # the median [s]
+    low: float
+    high: float
+    zero: int  # how many are 0
+    long: int  # how many are a gap
+    odd: int  # how many are half as long, or half as long again, as no gap and no printed time makes them
+
+
+def _steps_of(where: str, t: Row, printed: float) -> _Steps:
+    """The steps of times that are printed with such a distance [s]; InputError where one falls."""
+    usual = float(np.median(np.diff(beginning(t))))
+    low, high, counted, row = np.inf, -np.inf, np.zeros(3, dtype=int), 0
+    before = np.empty(0)
+    for part in pieces(t):
+        steps = np.diff(np.concatenate((before, part)))
+        if np.any(steps < 0):
+            row += int(np.argmax(steps < 0))
+            raise InputError(
+                f"{where} falls from {t[row]:.9g} s to {t[row + 1]:.9g} s at row {row + 2}; two records in one?"
+            )
+        low, high = min(low, steps.min(initial=np.inf)), max(high, steps.max(initial=-np.inf))
+        long, short = steps > GAP * usual, steps < 0.5 * usual
+        odd = short | (long & (steps < 2 * usual - 0.5 * printed))
+        counted += [np.count_nonzero(each) for each in (steps == 0, long, odd)]
+        row, before = row + steps.size, part[-1:]
+    zero, long_ones, odd_ones = (int(n) for n in counted)
+    return _Steps(usual=usual, low=low, high=high, zero=zero, long=long_ones, odd=odd_ones)
+
+
+def _axis(name: str, t: Row, rate: float, uncertainty: float, start: float | None = None) -> TimeAxis:
     return TimeAxis(
         name=name, count=t.size, rate=rounded_rate(rate, uncertainty), start=float(t[0] if start is None else start),
         uncertainty=uncertainty,
     )  # fmt: skip
 
 
-def _line(rows: np.ndarray, t: np.ndarray) -> tuple[float, np.ndarray]:
-    """The rate of times at rows, by least squares, and their distances from it [s]."""
-    n, s = rows - rows.mean(), t - t.mean()
-    step = float(n @ s) / float(n @ n)
-    return 1 / step, s - step * n
+def _numbers(begin: int, end: int) -> np.ndarray:
+    return np.arange(begin, end, dtype=float)
 
 
-def _resolution(values: np.ndarray) -> float:
+def _line(rows: Row, t: Row) -> tuple[float, float, float]:
+    """The rate of times at rows, by least squares, and the ends of their distances from it [s]."""
+    n0, s0 = (sum(float(part.sum()) for part in pieces(each)) / each.size for each in (rows, t))
+    both = [0.0, 0.0]
+    for n, s in zip(pieces(rows), pieces(t), strict=True):
+        both[0] += float((n - n0) @ (s - s0))
+        both[1] += float((n - n0) @ (n - n0))
+    step = both[0] / both[1]
+    low, high = 0.0, 0.0
+    for n, s in zip(pieces(rows), pieces(t), strict=True):
+        rest = (s - s0) - step * (n - n0)
+        low, high = min(low, float(rest.min())), max(high, float(rest.max()))
+    return 1 / step, low, high
+
+
+def _resolution(values: Row) -> float:
     """The distance of two times as printed, in their unit: the last decimal that they need, or that of the number."""
-    t = values.astype(float)
+    t = np.asarray(values[-PIECE:]).astype(float)
     late = t[np.flatnonzero(np.diff(t) > 0) + 1][-1000:]
-    spacing = float(np.spacing(np.abs(values).max())) if values.dtype.kind == "f" else 0.0
+    largest = max(float(np.abs(part).max()) for part in pieces(values))
+    spacing = float(np.spacing(largest)) if values.dtype.kind == "f" else 0.0
     for decimals in range(13):
         scaled = late * 10.0**decimals
         if np.all(np.abs(scaled - np.rint(scaled)) <= 1e-3 + 4 * np.spacing(np.abs(scaled))):
@@ -239,19 +285,22 @@ def _resolution(values: np.ndarray) -> float:
     return spacing
 
 
-def _coarse(where: str, name: str, t: np.ndarray, changes: np.ndarray) -> TimeAxis:
-    """The grid of times of which several rows share one, by the rows (m,) at which the printed time changes."""
+def _coarse(where: str, name: str, times: Row) -> TimeAxis:
+    """The grid of times of which several rows share one, by the rows at which the printed time changes."""
+    t = np.asarray(times)
+    changes = np.flatnonzero(np.diff(t) > 0) + 1
     ticks = t[changes]
     if changes.size < 2:
         raise InputError(
             f"{where} is printed in steps of {t[-1] - t[0]:.3g} s, of which none is whole; print more digits, or give "
             f"the sample rate (--rate, file.sample_rate_hz)"
         )
-    rate, rest = _line(changes, ticks)
+    rate, low, high = _line(changes, ticks)
+    rest = max(-low, high)
     tick = float(np.median(np.diff(ticks)))
-    if np.max(np.abs(rest)) > tick:
+    if rest > tick:
         raise InputError(f"{where} is printed in steps of {tick:.3g} s and does not rise evenly; print more digits")
-    scatter = 2 * float(np.max(np.abs(rest))) * rate if changes.size > 2 else 0.0  # rows
+    scatter = 2 * rest * rate if changes.size > 2 else 0.0  # rows
     start = float(ticks.mean() - changes.mean() / rate)
     return _axis(name, t, rate, max(1.0, scatter) / float(changes[-1] - changes[0]), start)
 

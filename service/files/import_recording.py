@@ -15,11 +15,13 @@ forward, stands in `import`. A frame without an edge says that the shaft stood s
 
 from __future__ import annotations
 
+import heapq
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from functools import partial
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +53,7 @@ UNKNOWN_AGE = (
 CLOCK_START = datetime(1970, 1, 2, tzinfo=UTC)  # of a recording whose date is not known: no service takes it
 AGREES = 60.0  # difference of two statements of one start [s]
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[float, float], None]
 
 
 def import_recording(
@@ -63,16 +65,18 @@ def import_recording(
     age: str | None = None,
     started: str | None = None,
     zone: str | None = None,
+    ask: Callable[[str], str | None] | None = None,
 ) -> dict[str, Any]:
     """Writes the recording that a mapping file describes; returns what was written and what was left out.
 
-    progress  called with the frames written and their total
+    progress  called with the length of what is written, and of the whole [s]
     source    data file in place of the mapping's `file.path`
     prefix    first part of the recording's topics
     age       of the gears when the file begins: `new`, "5000 rev", "1200 h" or `unknown`; None for what the mapping
               states of its own file
     started   when the file begins, in place of what mapping and file state
     zone      of a date that is a local time; None for the mapping's
+    ask       for the zone of a local time for which nobody states one
     """
     mapping = load_import_mapping(mapping_path, source)
     if started is not None and (moment := moment_in(started)) is None:
@@ -88,15 +92,17 @@ def import_recording(
         mapping = replace(mapping, age=age_of("--age", age, speed))
     elif source is not None and Path(source).resolve() != mapping.path.resolve():
         mapping = replace(mapping, age=None)  # the mapping's is that of its own file
-    return written_recording(mapping, data_file, out_path, progress, prefix)
+    return written_recording(mapping, data_file, out_path, progress, prefix, ask)
 
 
+@np.errstate(all="ignore")  # of values that are none: what is wrong with them is said
 def written_recording(
     mapping: ImportMapping,
     data_file: Path,
     out_path: str | Path,
     progress: Progress | None = None,
     prefix: str = PREFIX,
+    ask: Callable[[str], str | None] | None = None,
 ) -> dict[str, Any]:
     """Writes the recording of a checked mapping and a data file; returns what was written and what was left out."""
     data = read_columns(mapping, data_file)
@@ -105,7 +111,7 @@ def written_recording(
     if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
-    began, undated = _began(data, data_file)
+    began, undated = _began(data, data_file, ask)
     started = began or CLOCK_START
     counted = counted_edges(data)
     frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
@@ -119,13 +125,16 @@ def written_recording(
         "started": began.isoformat() if began else "",
     }
     rig = with_sensors(rig, imported, data)
-    write_recording(out_path, frames, metadata, notes, to_toml(rig), progress, prefix)
+    lengths = (m.start + m.values.shape[-1] / m.rate for m in data.channels.values() if m.rate > 0)
+    whole = max(lengths, default=0.0)
+    told = None if progress is None else partial(_told, progress, whole)
+    written = write_recording(out_path, frames, metadata, notes, to_toml(rig), told, prefix)
     return {
         "recording": str(out_path),
         "asset": mapping.asset,
         "source": str(data_file),
-        "frames": len(frames),
-        "duration": max(f.end_time_ns for f in frames) / NS - min(f.start_time_ns for f in frames) / NS,
+        "frames": written.frames,
+        "duration": (written.last - written.first) / NS,
         "channels": {c.label: c.unit for c in imported},
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
@@ -139,13 +148,20 @@ def written_recording(
     }
 
 
-def _began(data: DataFile, data_file: Path) -> tuple[datetime | None, str]:
+def _told(progress: Progress, whole: float, done: float) -> None:
+    progress(done, whole)
+
+
+def _began(data: DataFile, data_file: Path, ask: Callable[[str], str | None] | None) -> tuple[datetime | None, str]:
     """When the recording begins, as stated by a person, else by the file, and what is not sure of it."""
     mapping = data.mapping
     stated = mapping.started or data.started
     if stated is None:
         return None, _undated(data_file)
-    began, unsure = in_zone(mapping.where if mapping.started else str(data_file), stated, mapping.zone)
+    where, zone = mapping.where if mapping.started else str(data_file), mapping.zone
+    if stated.tzinfo is None and zone is None and ask is not None:
+        zone = ask(f"{where} began at {stated:%Y-%m-%d %H:%M:%S} by a clock whose zone is not stated")
+    began, unsure = in_zone(where, stated, zone)
     if began > datetime.now(UTC) + timedelta(seconds=AGREES):
         cure = unsure or f"{data_file}: correct its date"
         raise InputError(f"{data_file}: begins at {began.isoformat()}, which is in the future; {cure}")
@@ -210,35 +226,35 @@ def with_sensors(rig: dict[str, Any], channels: Iterable[ChannelMapping], data: 
 
 def _all_frames(
     data: DataFile, imported: list[ChannelMapping], counted: Mapping[str, Counted], start_ns: int
-) -> list[Frame]:
+) -> Iterator[Frame]:
     """The frames of all channels in order of their ends."""
-    mapping = data.mapping
-    frames: list[Frame] = []
-    for channel in imported:
-        address = Channel(mapping.asset, channel.kind, channel.name)
-        measured = data.channels[channel.label]
-        begin = start_ns + round(measured.start * NS)
-        if channel.label in counted:
-            found = counted[channel.label]
-            first = (channel.first_edge_index or 0) + found.first_index
-            frames += _edge_frames(channel.edges_per_rev, address, found.times, begin, first, found.length)
-        elif CHANNEL_KINDS[channel.kind].layout is Layout.EDGES:
-            if measured.values[0] < 0:
-                where = f"{mapping.where}: {channel.key}"
-                raise InputError(f"{where}: edge times begin at {measured.values[0]:g} s, before 0")
-            first = channel.first_edge_index or 0
-            frames += _edge_frames(channel.edges_per_rev, address, measured.values, start_ns, first)
-        elif CHANNEL_KINDS[channel.kind].slow:
-            frames += _slow_frames(address, measured, begin)
-        else:
-            frames += _sample_frames(f"{mapping.where}: {channel.key}", address, measured, begin)
-    return sorted(frames, key=lambda f: (f.end_time_ns, f.channel))
+    each = [_frames_of(data, channel, counted.get(channel.label), start_ns) for channel in imported]
+    return heapq.merge(*each, key=lambda frame: (frame.end_time_ns, frame.channel))
+
+
+def _frames_of(data: DataFile, channel: ChannelMapping, found: Counted | None, start_ns: int) -> Iterator[Frame]:
+    """The frames of one channel."""
+    where = f"{data.mapping.where}: {channel.key}"
+    address = Channel(data.mapping.asset, channel.kind, channel.name)
+    measured = data.channels[channel.label]
+    begin = start_ns + round(measured.start * NS)
+    if found is not None:
+        first = (channel.first_edge_index or 0) + found.first_index
+        return _edge_frames(channel.edges_per_rev, address, found.times, begin, first, found.length)
+    if CHANNEL_KINDS[channel.kind].layout is Layout.EDGES:
+        if measured.values[0] < 0:
+            raise InputError(f"{where}: edge times begin at {measured.values[0]:g} s, before 0")
+        first = channel.first_edge_index or 0
+        return _edge_frames(channel.edges_per_rev, address, np.asarray(measured.values), start_ns, first)
+    if CHANNEL_KINDS[channel.kind].slow:
+        return _slow_frames(address, measured, begin)
+    return _sample_frames(where, address, measured, begin)
 
 
 def _sample_frames(where: str, address: Channel, measured: Measured, start_ns: int) -> Iterator[SampleFrame]:
     rate, values = measured.rate, measured.values
     count = max(1, round(values.size / (FRAME_LENGTH * rate)))
-    cuts = [round(i * values.size / count) for i in range(count + 1)]
+    cuts = (round(i * values.size / count) for i in range(count + 1))
     if values.size / rate / count < 0.01:
         raise InputError(
             f"{where}: {values.size} samples at {rate:g} Hz are only {values.size / rate:.3g} s; is the sample rate "
@@ -369,65 +385,79 @@ def _count_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
     return f"{said}, in which both levels changed: {filled} counted as two" if illegal else said
 
 
+@dataclass(slots=True)
+class Written:
+    """What has been written of a recording: frames, the first start and the last end [ns]."""
+
+    frames: int = 0
+    first: int = 2**63
+    last: int = 0
+
+
 def write_recording(
     out_path: str | Path,
-    frames: list[Frame],
+    frames: Iterator[Frame],
     metadata: Mapping[str, str],
     notes: Mapping[str, str],
     rig_toml: str,
-    progress: Progress | None = None,
+    progress: Callable[[float], None] | None = None,
     prefix: str = PREFIX,
-) -> None:
+) -> Written:
     """An MCAP file by the contract, section 2; written under another name and renamed when complete."""
     out_path = Path(out_path)
-    partial = out_path.with_name(out_path.name + ".part")
+    unfinished = out_path.with_name(out_path.name + ".part")
     try:
-        with partial.open("wb") as file:
+        with unfinished.open("wb") as file:
             writer = Writer(file, compression=CompressionType.ZSTD)
             writer.start(profile="", library="gear-twin import")
             writer.add_metadata("recording", dict(metadata))
             writer.add_metadata("import", dict(notes))
-            first = min(f.start_time_ns for f in frames)
+            first = next(frames)
             writer.add_attachment(
-                create_time=first,
-                log_time=first,
+                create_time=first.start_time_ns,
+                log_time=first.start_time_ns,
                 name="rig.toml",
                 media_type="application/toml",
                 data=rig_toml.encode(),
             )
-            _write_frames(writer, frames, progress, prefix)
+            written = _write_frames(writer, chain([first], frames), progress, prefix)
             writer.finish()
-        partial.replace(out_path)
+        unfinished.replace(out_path)
     except OSError as error:
         reason = (error.strerror or "fault").lower()
         raise InputError(f"{out_path}: the recording cannot be written: {reason}") from None
     finally:
-        partial.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
+    return written
 
 
-def _write_frames(writer: Writer, frames: list[Frame], progress: Progress | None, prefix: str) -> None:
-    schemas = {
-        name: writer.register_schema(name=name, encoding="protobuf", data=schema_data())
-        for name in sorted({CHANNEL_KINDS[f.channel.kind].schema for f in frames})
-    }
-    channels = {
-        channel: writer.register_channel(
-            topic=topic_of(channel, prefix),
-            message_encoding="protobuf",
-            schema_id=schemas[CHANNEL_KINDS[channel.kind].schema],
-        )
-        for channel in sorted({f.channel for f in frames})
-    }
-    for number, frame in enumerate(frames, start=1):
+def _write_frames(
+    writer: Writer, frames: Iterator[Frame], progress: Callable[[float], None] | None, prefix: str
+) -> Written:
+    schemas: dict[str, int] = {}
+    channels: dict[Channel, int] = {}
+    written = Written()
+    for frame in frames:
+        channel, schema = frame.channel, CHANNEL_KINDS[frame.channel.kind].schema
+        if schema not in schemas:
+            schemas[schema] = writer.register_schema(name=schema, encoding="protobuf", data=schema_data())
+        if channel not in channels:
+            channels[channel] = writer.register_channel(
+                topic=topic_of(channel, prefix), message_encoding="protobuf", schema_id=schemas[schema]
+            )
         writer.add_message(
-            channel_id=channels[frame.channel],
+            channel_id=channels[channel],
             log_time=frame.end_time_ns,
             publish_time=frame.end_time_ns,
             sequence=frame.sequence,
             data=encode(frame),
         )
+        written.frames += 1
+        written.first = min(written.first, frame.start_time_ns)
+        written.last = max(written.last, frame.end_time_ns)
         if progress:
-            progress(number, len(frames))
+            progress((written.last - written.first) / NS)
+    return written
 
 
 def to_toml(mapping: Mapping[str, Any], path: str = "") -> str:

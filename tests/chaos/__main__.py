@@ -3,6 +3,7 @@
     python -m tests.chaos frames      malformed frames into a whole service
     python -m tests.chaos recordings  damaged recordings
     python -m tests.chaos rigs        damaged rig files
+    python -m tests.chaos measurements damaged measurement files of all formats
     python -m tests.chaos http        requests made up from the OpenAPI description, by callers with each credential
     python -m tests.chaos guided      malformed input found by coverage (seconds; needs atheris)
     python -m tests.chaos kills       kills of the service while windows are received and processed
@@ -32,6 +33,7 @@ COUNTS = {
     "frames": 1_000_000,
     "recordings": 10_000,
     "rigs": 10_000,
+    "measurements": 2_000,
     "http": 50,
     "guided": 600,
     "kills": 300,

@@ -1,29 +1,39 @@
-"""Damaged recordings and rig files: each must be read as far as it goes or be refused by one clear line.
+"""Damaged recordings, rig files and measurement files: each must be read as far as it goes or be refused by one line.
 
     python -m tests.chaos recordings [--count N] [--seed S]
     python -m tests.chaos rigs [--count N] [--seed S]
+    python -m tests.chaos measurements [--count N] [--seed S]
 
-A file is made from a sound one by bits, bytes and records changed, left out, repeated or exchanged. Most are read into
-windows; every WHOLE-th goes through `gear-twin assess`. No file may raise anything but the errors that are meant for
-people, print a traceback or a library's warning, take longer than LONGEST, or more memory than MEMORY.
+A file is made from a sound one by bits, bytes and records changed, left out, repeated or exchanged. Most recordings are
+read into windows; every WHOLE-th goes through `gear-twin assess`. Measurement files of all formats go through
+`gear-twin import --guess`. Each file is read by a process of its own, and none may raise anything but the errors that
+are meant for people, print a traceback or a library's warning, end the process, take longer than LONGEST, or more
+memory than MEMORY.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
+import importlib
+import json
+import os
 import random
 import resource
 import signal
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from mcap.reader import make_reader
+from measurement_files import WRITERS
+from measurement_files import signal as vibration
 from service_streams import write_recording
 
 from service.cli import run
@@ -36,10 +46,29 @@ from tests.chaos.frames import FrameFaults
 
 SOURCE = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 RIG = Path(__file__).parents[2] / "recordings" / "rigs" / "unsw.toml"
+READERS = ("asammdf", "h5py", "mat73", "nptdms", "pyarrow.parquet", "pyuff", "service.cli.importing")
 WHOLE = 20
-LONGEST = 60  # [s]
-MEMORY = 1500  # resident, at most [MB]
+LONGEST = 20  # [s]
+MEMORY = 1000  # resident, at most [MB]
+CLEAR = 1000  # the longest sentence that a person reads [characters]
 FIRST_WINDOWS = 2  # of the bundled campaign
+WORDS = (
+    b"nan",
+    b"inf",
+    b"1e400",
+    b"-1",
+    b"-",
+    b"",
+    b"\n",
+    b"\r",
+    b"\x00",
+    b",",
+    b";",
+    b'"',
+    b"9" * 30,
+    b"\xff\xfe",
+    b"\x1b[2J",
+)
 MAGIC = 8  # bytes at both ends of an MCAP file
 
 
@@ -67,15 +96,14 @@ class Tally:
             self.faults.append(f"{outcome['name']}: {outcome['fault']}")
 
 
-class RecordingFaults:
-    """Draws damaged recordings."""
+class ByteFaults:
+    """Draws damaged files of any format."""
 
-    def __init__(self, rng: random.Random, sound: Sequence[bytes]) -> None:
-        self.rng, self.sound = rng, sound
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
 
-    def draw(self) -> bytes:
-        """The bytes of one damaged recording."""
-        data = self.rng.choice(self.sound)
+    def draw(self, data: bytes) -> bytes:
+        """The bytes of a sound file, damaged."""
         for _ in range(self.rng.choice((1, 1, 1, 2, 3))):
             data = self.rng.choice(self._WAYS)(self, data)
         return data
@@ -114,6 +142,26 @@ class RecordingFaults:
         at, length = self.rng.randrange(len(data) + 1), self.rng.choice((8, 512, 4096, 65_536))
         return data[:at] + bytes(min(length, len(data) - at)) + data[at + length :]
 
+    def _extreme(self, data: bytes) -> bytes:
+        """A number, binary or as text, that no recorder writes, mostly where the file says what it holds."""
+        at = self.rng.randrange(min(len(data), self.rng.choice((256, 4096, len(data)))) + 1)
+        length = self.rng.choice((1, 2, 4, 8))
+        number = self.rng.choice((0, 1, 2 ** (8 * length - 1) - 1, 2 ** (8 * length - 1), 2 ** (8 * length) - 1))
+        word = self.rng.choice((number.to_bytes(length, "little"), *WORDS))
+        return data[:at] + word + data[at + len(word) :]
+
+    def _repeated(self, data: bytes) -> bytes:
+        at, length = self.rng.randrange(len(data) + 1), self.rng.choice((1, 16, 512, 8192))
+        return data[:at] + data[at : at + length] * self.rng.choice((2, 3)) + data[at + length :]
+
+    _WAYS: tuple[Any, ...] = (
+        _bits, _bits, _head, _head, _tail, _cut, _hole, _noise, _zeros, _extreme, _extreme, _extreme, _repeated,
+    )  # fmt: skip
+
+
+class RecordingFaults(ByteFaults):
+    """Draws damaged recordings."""
+
     def _records(self, data: bytes) -> bytes:
         """Records left out, repeated, exchanged, or with another type or length."""
         records = list(_records(data))
@@ -137,7 +185,7 @@ class RecordingFaults:
                 break
         return data[:MAGIC] + b"".join(records) + data[-MAGIC:]
 
-    _WAYS = (_bits, _bits, _head, _head, _tail, _cut, _hole, _noise, _zeros, _records, _records, _records)
+    _WAYS = (*ByteFaults._WAYS, *(_records,) * 6)
 
 
 def _records(data: bytes) -> Iterator[bytes]:
@@ -188,15 +236,31 @@ class RigFaults:
 # -- one file ------------------------------------------------------------------------------------------
 
 
-def _limited(name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What came of a piece of work, with its time and memory; whatever it must not raise is a fault."""
+def _alone(name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What came of a piece of work in a process of its own, with its time and memory; what must not be is a fault."""
+    reads, writes = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(reads)
+        os.write(writes, json.dumps(_outcome(work)).encode())
+        os._exit(0)
+    os.close(writes)
+    until = time.monotonic() + LONGEST
+    while not (ended := os.waitpid(child, os.WNOHANG))[0] and time.monotonic() < until:
+        time.sleep(0.002)
+    if not ended[0]:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    with os.fdopen(reads, "rb") as pipe:
+        said = pipe.read()
+    if said.endswith(b"}"):
+        return {"name": name, **json.loads(said)}
+    fault = f"ended with {os.waitstatus_to_exitcode(ended[1])}" if ended[0] else f"not done within {LONGEST} s"
+    return {"name": name, "fault": fault, "seconds": float(LONGEST), "memory": 0.0, "status": 1}
 
-    def late(*_: Any) -> None:
-        raise TimeoutError(f"not done within {LONGEST} s")
 
+def _outcome(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     before = resource.getrusage(resource.RUSAGE_SELF)
-    signal.signal(signal.SIGALRM, late)
-    signal.alarm(LONGEST)
     fault, found = None, {"status": 2}
     try:
         with warnings.catch_warnings():
@@ -207,15 +271,12 @@ def _limited(name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
             fault = f"more than one line: {error}"
     except BaseException as error:
         fault = f"{type(error).__name__}: {error}"
-    finally:
-        signal.alarm(0)
     after = resource.getrusage(resource.RUSAGE_SELF)
     memory = _peak_memory()
     if fault is None and memory > MEMORY:
         fault = f"{memory:.0f} MB of memory"
-    return {
-        "fault": fault, "seconds": after.ru_utime - before.ru_utime, "memory": memory, "name": name, **found,
-    }  # fmt: skip
+    fault = fault and fault[:2000]
+    return {"fault": fault, "seconds": after.ru_utime - before.ru_utime, "memory": memory, **found}
 
 
 def _peak_memory() -> float:
@@ -230,14 +291,38 @@ def _windows(path: Path) -> dict[str, Any]:
 
 
 def _assessed(path: Path) -> dict[str, Any]:
-    """`gear-twin assess`, as a person runs it."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = run(["assess", str(path), "--no-trace", "--json", str(path.with_suffix(".json"))])
-    complaint = err.getvalue()
-    if status not in (0, 2) or "Traceback" in complaint or (status == 2 and len(complaint.strip().splitlines()) != 1):
+    return _command("assess", path, "--no-trace", "--json", str(path.with_suffix(".json")))
+
+
+def _imported(path: Path) -> dict[str, Any]:
+    return _command(
+        "import", path, "--guess", "--teeth=23/57", "--zone=UTC", f"--out={path}.mcap", f"--write={path}.toml"
+    )
+
+
+def _command(command: str, path: Path, *options: str) -> dict[str, Any]:
+    """A command as a person runs it: what is printed of errors, also by libraries, is one line for each."""
+    warnings.resetwarnings()
+    for hidden in (DeprecationWarning, ResourceWarning):  # as where nobody asks for them
+        warnings.filterwarnings("ignore", category=hidden)
+    said = path.with_name(path.name + ".said")
+    with said.open("ab") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    with (
+        said.open("a", encoding="utf-8") as err,
+        open(os.devnull, "w") as out,
+        contextlib.redirect_stderr(err),
+        contextlib.redirect_stdout(out),
+    ):
+        status = run([command, str(path), *options])
+    complaint = said.read_text(encoding="utf-8", errors="replace")
+    lines = complaint.splitlines()
+    odd = [line for line in lines if not line.startswith("gear-twin: ")]
+    odd += [line for line in lines if len(line) > CLEAR]
+    if status not in (0, 2) or odd or (status == 2 and len(lines) != 1):
         raise AssertionError(f"status {status}: {complaint[-2000:]}")
-    return {"status": status}
+    return {"status": status, "said": complaint}
 
 
 def _rig(path: Path) -> dict[str, Any]:
@@ -247,27 +332,32 @@ def _rig(path: Path) -> dict[str, Any]:
 
 def _files(kind: str, seed: int, numbers: range, sources: Sequence[str], folder: str) -> list[dict[str, Any]]:
     """Damaged files of some numbers, drawn and read one after the other; each number draws the same in any run."""
-    sound = [Path(source).read_bytes() for source in sources]
     out = []
+    if kind == "measurements":
+        for module in READERS:  # once, and not in each process
+            importlib.import_module(module)
     for number in numbers:
         rng = random.Random(f"{kind} {seed} {number}")
+        source = Path(rng.choice(sources))
+        sound, name = source.read_bytes(), f"{number}.{source.name.partition('.')[2]}"
         if kind == "rigs":
-            data, name, read = RigFaults(rng, sound[0]).draw(), f"{number}.toml", _rig
+            data, read = RigFaults(rng, sound).draw(), _rig
+        elif kind == "measurements":
+            data, read = ByteFaults(rng).draw(sound), _imported
         else:
-            data, name = RecordingFaults(rng, sound).draw(), f"{number}.mcap"
+            data = RecordingFaults(rng).draw(sound)
             read = _assessed if number % WHOLE == 0 else _windows
-        path = Path(folder) / name
-        path.write_bytes(data)
-        outcome = _limited(f"{kind} seed {seed} number {number}", lambda read=read, path=path: read(path))
-        path.unlink()
-        path.with_suffix(".json").unlink(missing_ok=True)
-        out.append(outcome)
+        with TemporaryDirectory(dir=folder) as own:
+            path = Path(own) / name
+            path.write_bytes(data)
+            out.append(_alone(f"{kind} seed {seed} number {number} {source.name}", partial(read, path)))
     return out
 
 
 def attack(kind: str, count: int, seed: int, folder: Path, say: Callable[[str], None], processes: int = 1) -> Tally:
     """Draws and reads so many damaged files in processes of their own."""
-    sources = [str(RIG)] if kind == "rigs" else [str(path) for path in _sound_recordings(folder, seed)]
+    sound = {"rigs": lambda *_: [RIG], "measurements": _sound_measurements, "recordings": _sound_recordings}
+    sources = [str(path) for path in sound[kind](folder, seed)]
     tally, step = Tally(), 50
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         parts = [
@@ -280,6 +370,15 @@ def attack(kind: str, count: int, seed: int, folder: Path, say: Callable[[str], 
             if number % 10 == 9:
                 say(f"{tally.files} files, {len(tally.faults)} faults, at most {tally.memory:.0f} MB")
     return tally
+
+
+def _sound_measurements(folder: Path, seed: int) -> list[Path]:
+    """A file of each format and kind."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the libraries that write
+        for name, write in WRITERS.items():
+            write(folder / name, vibration())
+    return [folder / name for name in WRITERS]
 
 
 def _sound_recordings(folder: Path, seed: int) -> list[Path]:

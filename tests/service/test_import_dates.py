@@ -12,7 +12,7 @@ import pytest
 
 from service.cli import run
 from service.errors import InputError
-from service.files.dates import in_zone, moment_in
+from service.files.dates import in_zone, moment_in, stated_in
 from service.files.import_recording import import_recording
 from service.files.readers import read_table
 from service.runtime.replay import replay
@@ -148,7 +148,44 @@ def wav(path):
     path.write_bytes(raw[:4] + struct.pack("<I", len(raw) - 8 + len(added)) + raw[8:12] + added + raw[12:])
 
 
-@pytest.mark.parametrize("write", [mat, mat_of_structures, hdf5, parquet, tdms, wav])
+def npz(path):
+    np.savez(path, acc=VALUES, begin=np.datetime64("2026-03-12T08:14:00"))
+
+
+def npz_of_seconds(path):
+    np.savez(path, acc=VALUES, start_time=BEGAN.timestamp())
+
+
+def mat_of_days(path):
+    from scipy.io import savemat
+
+    days = (LOCAL - datetime(1, 1, 1)).total_seconds() / 86400 + 367  # as MATLAB counts them
+    savemat(path, {"acc": VALUES, "info": {"datenum": days}})
+
+
+def hdf5_of_milliseconds(path):
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        file["acc"] = VALUES
+        file["acc"].attrs["timestamp"] = int(BEGAN.timestamp() * 1000)
+
+
+def universal(path):
+    pyuff = pytest.importorskip("pyuff")
+    data = pyuff.prepare_58(
+        binary=0, func_type=1, rsp_node=3, rsp_dir=3, rsp_ent_name="acc", ref_ent_name="", ref_node=1, ref_dir=0,
+        data=VALUES, x=T, id1="run", id3="12-Mar-26 08:14:00", abscissa_spacing=1, abscissa_inc=1 / RATE,
+        abscissa_min=0.0, abscissa_spec_data_type=17, ordinate_spec_data_type=12, ordinate_axis_units_lab="g",
+        orddenom_spec_data_type=0, z_axis_spec_data_type=0, ord_data_type=4, ver_num=0, load_case_id=0,
+    )  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(data, "overwrite")
+
+
+WITH_DATES = (
+    mat, mat_of_structures, mat_of_days, hdf5, hdf5_of_milliseconds, parquet, tdms, wav, npz, npz_of_seconds, universal,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("write", WITH_DATES)
 def test_the_date_in_a_files_metadata_is_when_the_recording_begins(tmp_path, imported, write):
     path = tmp_path / f"run.{write.__name__.partition('_')[0]}"
     write(path)
@@ -163,6 +200,28 @@ def test_a_local_time_is_never_taken_for_utc_in_silence(tmp_path, imported):
     assert datetime.fromisoformat(started) == datetime(2026, 3, 12, 8, 14, tzinfo=UTC)
     _, started, _ = imported(tmp_path / "run.csv", "Acc (g)", 'zone = "Europe/Berlin"')
     assert datetime.fromisoformat(started) == BEGAN
+
+
+def test_a_person_who_can_be_asked_states_the_zone_of_a_local_time_once(tmp_path, imported):
+    asked = []
+
+    def ask(question):
+        asked.append(question)
+        return "Europe/Berlin"
+
+    csv(tmp_path / "run.csv", "Datum: 12.03.2026 08:14:00\n")
+    found, started, _ = imported(tmp_path / "run.csv", "Acc (g)", ask=ask)
+    assert datetime.fromisoformat(started) == BEGAN and "started" not in found["notes"]
+    assert len(asked) == 1 and "began at 2026-03-12 08:14:00 by a clock whose zone is not stated" in asked[0]
+    imported(tmp_path / "run.csv", "Acc (g)", 'zone = "+01:00"', ask=ask)
+    csv(tmp_path / "run.csv", "Datum: 2026-03-12T08:14:00+01:00\n")
+    imported(tmp_path / "run.csv", "Acc (g)", ask=ask)
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize(("name", "number"), [("start", 45000.0), ("test_id", 740000), ("date", 12.5), ("gain", 1.7e9)])
+def test_a_number_that_may_be_something_else_is_no_date(name, number):
+    assert stated_in({name: number}) is None
 
 
 def test_an_hour_that_came_twice_is_asked_for_its_offset():

@@ -1,14 +1,11 @@
 """Measurement files of every format become recordings with the samples, rate and units that they hold."""
 
 import gc
-import gzip
-import struct
 import sys
-import wave
-from datetime import datetime
 
 import numpy as np
 import pytest
+from measurement_files import RATE, WRITERS, N, as_csv, as_wav16, signal
 
 from service.errors import InputError
 from service.files import readers
@@ -16,8 +13,6 @@ from service.files.import_recording import import_recording
 from service.files.readers import read_table
 from service.stream.sources.mcap import read_windows
 
-RATE = 12800.0
-N = 12800
 G = 9.80665
 MAPPING = """
 schema = "gear-import/1"
@@ -32,159 +27,31 @@ unit = "g"
 """
 
 
-def signal():
-    """An acceleration [g] that every format can hold exactly: multiples of 2⁻¹⁰ below 1, ten decimals."""
-    t = np.arange(N) / RATE
-    x = 0.5 * np.sin(2 * np.pi * 560 * t) + 0.1 * np.random.default_rng(1).normal(size=N).clip(-3, 3)
-    return np.rint(x * 2**10) / 2**10
-
-
-def as_wav16(path, x):
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(2)
-        file.setsampwidth(2)
-        file.setframerate(int(RATE))
-        pair = np.stack([x, -x], axis=1)
-        file.writeframes((pair * 2**15).astype("<i2").tobytes())
-
-
-def as_wav24(path, x):
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(3)
-        file.setframerate(int(RATE))
-        values = (x * 2**23).astype("<i4")
-        file.writeframes(b"".join(struct.pack("<i", v)[:3] for v in values.tolist()))
-
-
-def as_wav_float(path, x):
-    from scipy.io import wavfile
-
-    wavfile.write(path, int(RATE), x.astype(np.float32))
-
-
-def as_mat(path, x):
-    from scipy.io import savemat
-
-    savemat(path, {"run": {"acc": x[:, None], "fs": RATE}, "time": np.arange(N) / RATE})
-
-
-def as_mat73(path, x):
-    """By h5py, in the layout of MATLAB: a user block with its header, and its classes as attributes."""
-    import h5py
-
-    with h5py.File(path, "w", userblock_size=512) as file:
-        run = file.create_group("run")
-        run.attrs["MATLAB_class"] = np.bytes_("struct")
-        for name, values in (("acc", x[None, :]), ("fs", np.array([[RATE]])), ("time", np.arange(N)[None, :] / RATE)):
-            data = run.create_dataset(name, data=values)
-            data.attrs["MATLAB_class"] = np.bytes_("double")
-    with open(path, "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-
-
-def as_tdms(path, x):
-    from nptdms import ChannelObject, TdmsWriter
-
-    properties = {
-        "wf_increment": 1 / RATE,
-        "wf_start_offset": 0.0,
-        "wf_start_time": datetime(2024, 5, 1, 12),
-        "unit_string": "g",
-    }
-    with TdmsWriter(path) as writer:
-        writer.write_segment([ChannelObject("Run 1", "Acc1", x, properties=properties)])
-
-
-def as_uff(path, x):
-    import pyuff
-
-    pyuff.UFF(str(path)).write_sets(
-        pyuff.prepare_58(
-            binary=0, func_type=1, rsp_node=3, rsp_dir=3, rsp_ent_name="housing", ref_ent_name="", ref_node=1,
-            ref_dir=0, data=x,
-            x=np.arange(N) / RATE, id1="run", abscissa_spacing=1, abscissa_inc=1 / RATE, abscissa_min=0.0,
-            abscissa_spec_data_type=17, ordinate_spec_data_type=12, ordinate_axis_units_lab="g",
-            orddenom_spec_data_type=0, z_axis_spec_data_type=0, ord_data_type=4, ver_num=0, load_case_id=0,
-        ),
-        "overwrite",
-    )  # fmt: skip
-
-
-def as_mdf(path, x):
-    from asammdf import MDF, Signal
-
-    file = MDF(version="4.10")
-    file.append([Signal(samples=x, timestamps=np.arange(N) / RATE, name="Acc1", unit="g")])
-    file.save(path, overwrite=True)
-    file.close()
-
-
-def as_hdf5(path, x):
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        data = file.create_dataset("run/acc", data=x)
-        data.attrs["unit"] = "g"
-        file["run"].attrs["fs"] = RATE
-
-
-def as_parquet(path, x):
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    time = pa.array((np.arange(N) * 78125).astype("datetime64[ns]"))
-    parquet.write_table(pa.table({"time": time, "Acc1 (g)": x}), path)
-
-
-def as_csv(path, x):
-    rows = "\n".join(f"{i / RATE!r},{v!r}" for i, v in enumerate(x.tolist()))
-    path.write_text(f"Time (s),Acc1 (g)\n{rows}\n")
-
-
-def as_csv_of_a_recorder(path, x):
-    rows = "\n".join(f"{i / RATE:.9f};{v!r}".replace(".", ",") for i, v in enumerate(x.tolist()))
-    head = "Messung;Prüfstand 3\nAbtastrate (Hz);12800\n\nZeit;Beschleunigung\n[s];[g]\n"
-    path.write_bytes((head + rows).encode("cp1252"))
-
-
-def as_csv_without_header(path, x):
-    path.write_bytes(gzip.compress("\n".join(f"{i / RATE!r}\t{v!r}" for i, v in enumerate(x.tolist())).encode()))
-
-
-def as_npz(path, x):
-    np.savez(path, acc=x, sample_rate_hz=RATE)
-
-
-def as_npy(path, x):
-    np.save(path, np.stack([np.arange(N) / RATE, x], axis=1))
-
-
 SAID = "sample_rate_hz = 12800"
 CASES = [
-    ("run.csv", as_csv, "CSV", "Acc1 (g)", "g", ""),
-    ("recorder.csv", as_csv_of_a_recorder, "CSV", "Beschleunigung", "g", ""),
-    ("plain.csv.gz", as_csv_without_header, "CSV", "column 2", "", 'time_column = "column 1"'),
-    ("run.npz", as_npz, "NPZ", "acc", "", SAID),
-    ("run.npy", as_npy, "NPY", "run[2]", "", 'time_column = "run[1]"'),
-    ("run16.wav", as_wav16, "WAV", "channel 1", "", ""),
-    ("run24.wav", as_wav24, "WAV", "channel 1", "", ""),
-    ("float.wav", as_wav_float, "WAV", "channel 1", "", ""),
-    ("run.mat", as_mat, "MAT", "run.acc", "", ""),
-    ("run73.mat", as_mat73, "MAT 7.3", "run.acc", "", 'time_column = "run.time"'),
-    ("run.tdms", as_tdms, "TDMS", "Acc1", "g", ""),
-    ("run.uff", as_uff, "UFF-58", "housing:3+Z", "g", ""),
-    ("run.mf4", as_mdf, "MDF", "Acc1", "g", ""),
-    ("run.h5", as_hdf5, "HDF5", "run/acc", "g", ""),
-    ("run.parquet", as_parquet, "Parquet", "Acc1 (g)", "g", ""),
+    ("run.csv", "CSV", "Acc1 (g)", "g", ""),
+    ("recorder.csv", "CSV", "Beschleunigung", "g", ""),
+    ("plain.csv.gz", "CSV", "column 2", "", 'time_column = "column 1"'),
+    ("run.npz", "NPZ", "acc", "", SAID),
+    ("run.npy", "NPY", "run[2]", "", 'time_column = "run[1]"'),
+    ("run16.wav", "WAV", "channel 1", "", ""),
+    ("run24.wav", "WAV", "channel 1", "", ""),
+    ("float.wav", "WAV", "channel 1", "", ""),
+    ("run.mat", "MAT", "run.acc", "", ""),
+    ("run73.mat", "MAT 7.3", "run.acc", "", 'time_column = "run.time"'),
+    ("run.tdms", "TDMS", "Acc1", "g", ""),
+    ("run.uff", "UFF-58", "housing:3+Z", "g", ""),
+    ("run.mf4", "MDF", "Acc1", "g", ""),
+    ("run.h5", "HDF5", "run/acc", "g", ""),
+    ("run.parquet", "Parquet", "Acc1 (g)", "g", ""),
 ]
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries that write
-@pytest.mark.parametrize(("file", "write", "kind", "column", "unit", "more"), CASES, ids=[c[0] for c in CASES])
-def test_samples_rate_and_unit_of_a_file_come_out_as_they_went_in(tmp_path, file, write, kind, column, unit, more):
+@pytest.mark.parametrize(("file", "kind", "column", "unit", "more"), CASES, ids=[c[0] for c in CASES])
+def test_samples_rate_and_unit_of_a_file_come_out_as_they_went_in(tmp_path, file, kind, column, unit, more):
     x = signal()
-    write(tmp_path / file, x)
+    WRITERS[file](tmp_path / file, x)
     table = read_table(tmp_path / file)
     found = table.column(column)
     assert table.format == kind and found.unit == unit
@@ -200,7 +67,7 @@ def test_samples_rate_and_unit_of_a_file_come_out_as_they_went_in(tmp_path, file
 
 
 def test_every_format_has_a_file_that_proves_it():
-    assert {f.name for f in readers.FORMATS} | {"CSV"} == {case[2] for case in CASES}
+    assert {f.name for f in readers.FORMATS} | {"CSV"} == {case[1] for case in CASES}
 
 
 @pytest.mark.parametrize("form", [f for f in readers.FORMATS if f.library], ids=lambda f: f.name)

@@ -1,4 +1,4 @@
-"""Malformed frames, recordings and rig files, drawn from a seed: a part of what `make chaos` draws."""
+"""Malformed frames, recordings, rig and measurement files, drawn from a seed: a part of what `make chaos` draws."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SEED = 20_261_122
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "count"), [("recordings", 600), ("rigs", 2000)])
+@pytest.mark.parametrize(("kind", "count"), [("recordings", 600), ("rigs", 2000), ("measurements", 150)])
 def test_damaged_files_are_read_as_far_as_they_go_or_refused_by_one_line(kind, count, tmp_path):
     tally = attack(kind, count, SEED, tmp_path, lambda line: None)
     assert tally.faults == []

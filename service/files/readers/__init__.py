@@ -9,11 +9,15 @@ The libraries of the extra `formats` are imported by the readers that need them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from service.errors import InputError
+from service.files.readers.contents import said_by
 from service.files.readers.hdf5 import read_hdf5
 from service.files.readers.mat import is_level_4, read_mat, read_mat73
 from service.files.readers.mdf import read_mdf
@@ -71,6 +75,19 @@ def format_of(path: Path) -> Format | None:
     return next((form for form in FORMATS if form.fits and form.fits(head)), None)
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing that a library logs or warns of is printed: what is wrong with a file is said in one sentence."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(before)
+
+
 def read_table(path: Path, text: TextForm | None = None) -> Table:
     """The columns of a measurement file; InputError where it cannot be read.
 
@@ -78,7 +95,8 @@ def read_table(path: Path, text: TextForm | None = None) -> Table:
     """
     try:
         form = format_of(path)
-        table = read_text(path, text) if form is None else form.read(path)
+        with _quiet():
+            table = read_text(path, text) if form is None else form.read(path)
         if not table.columns:
             why = [f"{name}: {reason}" for name, reason in table.left_out.items()]
             only = f", only {'; '.join((*table.numbers, *why))}" if table.names else ""
@@ -93,7 +111,7 @@ def read_table(path: Path, text: TextForm | None = None) -> Table:
     except Exception as error:  # of a library that met a broken file: each raises its own
         if isinstance(error, OSError) and error.strerror:
             raise InputError(f"{path} cannot be read: {error.strerror.lower()}") from None
-        said = (str(error).splitlines() or [type(error).__name__])[0]
+        said = said_by(error)
         kind = form.name if form else "CSV"
         others = f"; other formats that can be read: {NAMES}" if isinstance(error, NoNumbers) else ""
         raise InputError(f"{path} is no readable {kind} file: {said}{others}") from None

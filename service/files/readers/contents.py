@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from service.files.dates import stated_in
+from service.files.readers.stored import Row, StoredRow, changed, pieces, stored
 from service.files.readers.table import Column, Table, array_columns, group_of
 
 UNITS = ("unit", "units", "unitstring", "niunitdescription", "unitlabel")
@@ -29,6 +30,8 @@ RATES = (
 )  # fmt: skip
 STEPS = ("dt", "timestep", "sampleinterval", "samplinginterval", "sampleperiod", "samplingperiod", "wfincrement",
     "increment", "deltat")  # fmt: skip
+SAID = 200  # of what a library says of a broken file [characters]
+ONE, NONE = np.ones(1), np.empty(0)
 LIKE_A_SCALE = re.compile(r"scal|offset|gain|sensitiv|calib|slope|conver|factor|fill|missing|valid|range", re.I)
 USED = {"scalefactor", "addoffset", "fillvalue", "missingvalue", "validmin", "validmax", "validrange"}
 
@@ -75,7 +78,7 @@ def unit_in(stated: Mapping[str, Any]) -> str:
     return ""
 
 
-def as_stated(name: str, values: np.ndarray, stated: Mapping[str, Any]) -> tuple[np.ndarray, list[str]]:
+def as_stated(name: str, values: Row, stated: Mapping[str, Any]) -> tuple[Row, list[str]]:
     """Values as the file means them; notes on what it states of them and is not used."""
     own = {plain(key): numbers_of(value) for key, value in stated.items()}
     odd = [k for k in stated if LIKE_A_SCALE.search(k) and (plain(k) not in USED or not own[plain(k)].size)]
@@ -83,28 +86,48 @@ def as_stated(name: str, values: np.ndarray, stated: Mapping[str, Any]) -> tuple
     given = {key: own[key] for key in USED if key in own and own[key].size}
     if not given or values.dtype.kind not in "fiu":
         return values, notes
-    if str(stated.get("_Unsigned", "")).lower() == "true" and values.dtype.kind == "i":
-        values = values.view(values.dtype.str.replace("i", "u"))
-    out = np.array(values, dtype=float)
-    missing = np.isin(out, np.concatenate([given.get(k, np.empty(0)) for k in ("fillvalue", "missingvalue")]))
-    low, high = (
-        given.get("validrange", np.empty(0))[:2] if given.get("validrange", np.empty(0)).size == 2 else (None, None)
-    )
-    low = given["validmin"][0] if "validmin" in given else low
-    high = given["validmax"][0] if "validmax" in given else high
-    missing |= (out < low) if low is not None else False
-    missing |= (out > high) if high is not None else False
-    scale, offset = given.get("scalefactor", np.ones(1)), given.get("addoffset", np.zeros(1))
-    out = out * scale[0] + offset[0]
-    out[missing] = np.nan
-    if missing.any():
-        notes.append(f"{name!r}: {np.count_nonzero(missing)} of {out.size} values are missing, as the file states")
+    unsigned = str(stated.get("_Unsigned", "")).lower() == "true" and values.dtype.kind == "i"
+    change = partial(_unpacked, unsigned=unsigned, **given)
+    out = changed(values, change)
+    if set(given) - {"scalefactor", "addoffset"}:
+        lost = sum(int(np.count_nonzero(np.isnan(part))) for part in pieces(out))
+        notes += [f"{name!r}: {lost} of {out.size} values are missing, as the file states"] if lost else []
     return out, notes
 
 
-def _short(value: Any) -> str:
+def _unpacked(
+    values: np.ndarray,
+    *,
+    unsigned: bool,
+    scalefactor: np.ndarray = ONE,
+    addoffset: np.ndarray = NONE,
+    fillvalue: np.ndarray = NONE,
+    missingvalue: np.ndarray = NONE,
+    validmin: np.ndarray = NONE,
+    validmax: np.ndarray = NONE,
+    validrange: np.ndarray = NONE,
+) -> np.ndarray:
+    """Stored values with their scale and offset, NaN where the file says that there is none."""
+    if unsigned:
+        values = values.view(values.dtype.str.replace("i", "u"))
+    out = np.array(values, dtype=float)
+    limits = validrange if validrange.size == 2 else (-np.inf, np.inf)
+    low, high = (*validmin, limits[0])[0], (*validmax, limits[1])[0]
+    missing = np.isin(out, np.concatenate([fillvalue, missingvalue])) | (out < low) | (out > high)
+    out = out * scalefactor[0] + (*addoffset, 0.0)[0]
+    out[missing] = np.nan
+    return out
+
+
+def _short(value: Any, most: int = 40) -> str:
     text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-    return text if len(text) <= 40 else f"{text[:37]}…"
+    return text if len(text) <= most else f"{text[: most - 3]}…"
+
+
+def said_by(error: Exception) -> str:
+    """What a library says of a file that it cannot read, as a part of a sentence."""
+    line = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+    return _short("".join(c if c.isprintable() else "?" for c in line).strip(" ."), SAID)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -129,20 +152,19 @@ class Contents:
         rate: float | None = None,
         start: float = 0.0,
         started: datetime | None = None,
-        times: np.ndarray | None = None,
+        times: Row | None = None,
     ) -> None:
         """One part: its values are had by `read`, whose failure leaves this part out; `stated` are its properties."""
         stated = stated or {}
         self.entries += stated.items()
         try:
-            array = np.asarray(read())
+            found = read()
+            array = found if isinstance(found, StoredRow) else np.asarray(found)
         except Exception as error:  # of a library that met an odd part: each raises its own
-            said = (str(error).splitlines() or [""])[0]
-            self.left_out[name] = (
-                "unequal parts" if "inhomogeneous" in said else f"cannot be read: {said or type(error).__name__}"
-            )
+            said = said_by(error)
+            self.left_out[name] = "unequal parts" if "inhomogeneous" in said else f"cannot be read: {said}"
             return
-        if array.dtype.names:
+        if isinstance(array, np.ndarray) and array.dtype.names:
             for part in array.dtype.names:
                 self.add(
                     f"{name}.{part}", partial(getitem, array, part), stated, rate=rate, start=start, started=started
@@ -150,18 +172,20 @@ class Contents:
             return
         is_time = array.dtype.kind in "mM"
         if array.size and (array.size == 1 or is_time):
-            self.entries.append(("date" if is_time else name, array.flat[0]))
+            self.entries.append(("date" if is_time else name, np.ravel(array[:1] if array.ndim else array)[0]))
         if is_time and array.size > 1:
-            array, unit = _seconds(array), "s"
+            array, unit = _seconds(array if array.ndim == 1 else np.ravel(array)), "s"
         if array.size == 1 and array.dtype.kind in "fiub":
-            self.numbers[name] = float(array.item())
+            self.numbers[name] = float(np.asarray(array).item())
             return
+        if array.ndim == 1:
+            array = stored(array)
         array, notes = as_stated(name, array, stated)
         self.notes += notes
-        found = array_columns(name, array, unit or unit_in(stated), rate or rate_in(stated), start)
-        if not found:
-            self.left_out[name] = why_no_column(array)
-        for column in found:
+        columns = array_columns(name, array, unit or unit_in(stated), rate or rate_in(stated), start)
+        if not columns:
+            self.left_out[name] = why_no_column(np.asarray(array))
+        for column in columns:
             self.columns.append(replace(column, times=times, is_time=is_time))
             if started is not None:
                 self.starts[column.name] = started
@@ -205,8 +229,11 @@ def why_no_column(array: np.ndarray) -> str:
     return f"an array of {' × '.join(str(n) for n in array.shape)} values, no row of at most 256 channels"
 
 
-def _seconds(moments: np.ndarray) -> np.ndarray:
+def _seconds(moments: Row) -> Row:
     """Moments or durations as seconds after the first; NaN of one that is missing."""
-    first = moments.flat[np.argmax(~np.isnat(moments))]
-    out = (moments - first) / np.timedelta64(1, "ns").astype("timedelta64[ns]")
-    return np.asarray(out, dtype=float) * 1e-9
+    first = next((m for part in pieces(moments) for m in part[~np.isnat(part)][:1]), moments[0])
+
+    def after(part: np.ndarray) -> np.ndarray:
+        return np.asarray((part - first) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
+
+    return changed(moments, after)

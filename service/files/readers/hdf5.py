@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from service.files.readers.contents import Contents, rate_in
+from service.files.readers.stored import read_in_pieces
 from service.files.readers.table import Table
 
 
@@ -20,11 +21,15 @@ def read_hdf5(path: Path) -> Table:
             if not isinstance(item, h5py.Dataset):
                 found.entries += item.attrs.items()
             else:
-                found.add(name, lambda: item[()], dict(item.attrs), rate=_rate(item))
+                found.add(name, lambda: _values(item), dict(item.attrs), rate=_rate(item))
 
         found.entries += file.attrs.items()
         file.visititems(visit)
         return found.table()
+
+
+def _values(item: Any) -> Any:
+    return read_in_pieces(item, item.size) if item.ndim == 1 and item.dtype.names is None else item[()]
 
 
 def _rate(item: Any) -> float | None:

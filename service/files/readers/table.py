@@ -9,6 +9,8 @@ from datetime import datetime
 
 import numpy as np
 
+from service.files.readers.stored import Row, StoredRow, stored
+
 MOST_COLUMNS = 256  # of one two-dimensional array: a larger one is no row of channels
 UNIT_NAMES = {
     "s", "sec", "ms", "us", "µs", "μs", "ns", "min", "h", "v", "mv", "µv", "g", "mg", "gn", "gs", "m/s2", "m/s^2",
@@ -30,11 +32,11 @@ class Column:
     """One column; `rate` or `times` where the file states when its values were taken."""
 
     name: str
-    values: np.ndarray  # (n,), as the file has them
+    values: Row  # (n,), as the file has them
     unit: str = ""  # as the file states it; empty where it does not
     rate: float | None = None  # [Hz]
     start: float = 0.0  # time of the first value after the file's start [s]
-    times: np.ndarray | None = None  # of each value, after the file's start (n,) [s]
+    times: Row | None = None  # of each value, after the file's start (n,) [s]
     is_time: bool = False  # the file's type says that the values are times
 
 
@@ -96,19 +98,19 @@ def rounded_rate(rate: float, uncertainty: float) -> float:
 
 
 def array_columns(
-    name: str, values: np.ndarray, unit: str = "", rate: float | None = None, start: float = 0.0
+    name: str, values: Row, unit: str = "", rate: float | None = None, start: float = 0.0
 ) -> list[Column]:
     """The columns of an array: itself; of one with two dimensions `name[1]`, `name[2]`, … along the longer of them."""
-    array = np.squeeze(np.asarray(values))
-    if array.dtype.kind not in "fiub" or array.size < 2 or array.ndim > 2:
+    array = values if isinstance(values, StoredRow) else np.squeeze(np.asarray(values))
+    if array.dtype.kind not in "fiub" or array.size < 2 or (isinstance(array, np.ndarray) and array.ndim > 2):
         return []
-    if array.ndim == 1:
+    if isinstance(array, StoredRow) or array.ndim == 1:
         return [Column(name=name, values=array, unit=unit, rate=rate, start=start)]
     rows = array if array.shape[0] <= array.shape[1] else array.T
     if rows.shape[0] > MOST_COLUMNS:
         return []
     return [
-        Column(name=f"{name}[{i}]", values=row, unit=unit, rate=rate, start=start)
+        Column(name=f"{name}[{i}]", values=stored(row), unit=unit, rate=rate, start=start)
         for i, row in enumerate(rows, start=1)
     ]
 

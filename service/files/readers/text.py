@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
+import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import BinaryIO, TextIO, cast
 
 import numpy as np
 
 from service.files.dates import stated_in
 from service.files.readers.printed_times import seconds_of
+from service.files.readers.stored import GrowingRow
 from service.files.readers.table import Column, Table
 from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of, is_number, layout_of, stated_rate
 
 BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+
+HEAD = 2**20  # of a file, by which its encoding is known [bytes]
+LINES = 50_000  # that are read at once
+LONGEST = 2**20  # line that a table may have [characters]
 
 
 class NoNumbers(ValueError):
@@ -25,40 +34,82 @@ class NoNumbers(ValueError):
 
 def read_text(path: Path, form: TextForm | None = None) -> Table:
     """The columns of numbers; columns of dates or times of day become seconds after the first row."""
-    whole = _lines(path)
-    lines = [line for line in whole if line.strip()]
-    if not lines:
-        raise ValueError("it is empty")
-    form = form or TextForm()
-    if form.header_row:  # without the blank lines above it
-        above = whole[: form.header_row]
-        form = replace(form, header_row=sum(bool(line.strip()) for line in above))
-    layout = layout_of(lines, form)
-    if layout is None:
-        raise NoNumbers("there are no rows of numbers in it")
-    rows = lines[layout.first :]
-    notes: tuple[str, ...] = ()
-    if len(rows) < 2:
-        raise NoNumbers("it has one row of numbers")
-    if len(rows) > 1 and len(cells_of(rows[-1], layout.separator)) != len(layout.names):
-        rows, notes = rows[:-1], ("the last row is cut off and left out",)
-    filled = [i for i in range(len(layout.names)) if not _is_blank(layout, rows, i)]
-    chosen = [i for i in filled if layout.numeric[i] or layout.moments[i]]
-    values = _numbers(rows, layout, [i for i in chosen if layout.numeric[i]])
-    columns: list[Column] = []
-    started: datetime | None = None
-    for i in chosen:
-        name, is_time = layout.names[i], layout.moments[i] and not layout.numeric[i]
-        if is_time:
-            values[i], first = seconds_of([cells_of(row, layout.separator)[i] for row in rows])
-            started = started or first
-        columns.append(Column(name=name, values=values[i], unit="s" if is_time else layout.units[i], is_time=is_time))
-    left_out = {layout.names[i]: _no_number(rows, layout, i) for i in filled if i not in chosen}
+    with _opened(path) as file:
+        parts = _parts(file)
+        whole = next(parts, [])
+        lines = [line for line in whole if line.strip()]
+        if not lines:
+            raise ValueError("it is empty")
+        form = form or TextForm()
+        if form.header_row:  # without the blank lines above it
+            above = whole[: form.header_row]
+            form = replace(form, header_row=sum(bool(line.strip()) for line in above))
+        layout = layout_of(lines, form)
+        if layout is None:
+            raise NoNumbers("there are no rows of numbers in it")
+        first = lines[layout.first :]
+        if len(first) < 2:
+            raise NoNumbers("it has one row of numbers")
+        filled = [i for i in range(len(layout.names)) if not _is_blank(layout, first, i)]
+        chosen = [i for i in filled if layout.numeric[i] or layout.moments[i]]
+        found = _Columns(layout, chosen)
+        rows = first
+        while rows:
+            later = [line for line in next(parts, []) if line.strip()]
+            if not later and len(cells_of(rows[-1], layout.separator)) != len(layout.names):
+                rows, found.notes = rows[:-1], ("the last row is cut off and left out",)
+            found.take(rows)
+            rows = later
+    left_out = {layout.names[i]: _no_number(first, layout, i) for i in filled if i not in chosen}
     rate = stated_rate(lines[: layout.first])
-    cells = cells_of(rows[0], layout.separator)
+    cells = cells_of(first[0], layout.separator)
     texts = [(layout.names[i], cells[i]) for i in filled if not layout.numeric[i] and not layout.moments[i]]
-    started = started or stated_in([*texts, *map(_entry, lines[: layout.first])])
-    return Table(format="CSV", columns=tuple(columns), rate=rate, notes=notes, left_out=left_out, started=started)
+    started = found.started or stated_in([*texts, *map(_entry, lines[: layout.first])])
+    return Table(
+        format="CSV", columns=found.columns(), rate=rate, notes=found.notes, left_out=left_out, started=started
+    )  # fmt: skip
+
+
+class _Columns:
+    """The columns of a text file, whose rows are taken in parts."""
+
+    def __init__(self, layout: Layout, chosen: Sequence[int]) -> None:
+        self.layout, self.chosen = layout, chosen
+        self.started: datetime | None = None
+        self.notes: tuple[str, ...] = ()
+        self._rows = 0
+        self._numeric = [i for i in chosen if layout.numeric[i]]
+        self._growing = {i: GrowingRow() for i in chosen}
+        self._last: dict[int, tuple[str, float]] = {}  # of columns of times: cell and seconds of the row before
+
+    def take(self, rows: Sequence[str]) -> None:
+        """The next rows of the file."""
+        values = _numbers(rows, self.layout, self._numeric, self._rows)
+        for i in set(self.chosen) - values.keys():
+            values[i] = self._seconds(i, [cells_of(row, self.layout.separator)[i] for row in rows])
+        for i, row in self._growing.items():
+            row.append(values[i])
+        self._rows += len(rows)
+
+    def _seconds(self, i: int, cells: list[str]) -> np.ndarray:
+        """Seconds after the first row of the file, also of times of day past midnight."""
+        if i in self._last:
+            before, begin = self._last[i]
+            seconds = begin + seconds_of([before, *cells])[0][1:]
+        else:
+            seconds, first = seconds_of(cells)
+            self.started = self.started or first
+        self._last[i] = cells[-1], float(seconds[-1])
+        return seconds
+
+    def columns(self) -> tuple[Column, ...]:
+        """The columns in the order of the file."""
+        out = []
+        for i in self.chosen:
+            is_time = self.layout.moments[i] and not self.layout.numeric[i]
+            unit = "s" if is_time else self.layout.units[i]
+            out.append(Column(name=self.layout.names[i], values=self._growing[i].row(), unit=unit, is_time=is_time))
+        return tuple(out)
 
 
 def _no_number(rows: Sequence[str], layout: Layout, i: int) -> str:
@@ -76,18 +127,39 @@ def _entry(line: str) -> tuple[str, str]:
     return (name, value) if any(c.isalpha() for c in name) else ("date", line)
 
 
-def _lines(path: Path) -> list[str]:
-    raw = path.read_bytes()
-    if raw[:2] == b"\x1f\x8b":
-        raw = gzip.decompress(raw)
-    encoding = next((e for mark, e in BYTE_ORDER_MARKS.items() if raw.startswith(mark)), "utf-8")
-    if encoding == "utf-8" and b"\x00" in raw[:4096]:
-        raise NoNumbers("it is no text, and of no format that is known here")
-    try:
-        text = raw.decode(encoding)
-    except UnicodeDecodeError:
-        text = raw.decode("cp1252", errors="replace")
-    return text.splitlines()
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
+    """The text of a file, plain or gzipped, in the encoding that its beginning has."""
+    with path.open("rb") as plain:
+        packed = plain.read(2) == b"\x1f\x8b"
+    with gzip.open(path) if packed else path.open("rb") as file:
+        head = file.read(HEAD)
+        file.seek(0)
+        encoding = next((e for mark, e in BYTE_ORDER_MARKS.items() if head.startswith(mark)), "utf-8")
+        if encoding == "utf-8" and b"\x00" in head[:4096]:
+            raise NoNumbers("it is no text, and of no format that is known here")
+        try:
+            codecs.getincrementaldecoder(encoding)().decode(head, final=len(head) < HEAD)
+        except UnicodeDecodeError:
+            encoding = "cp1252"
+        with io.TextIOWrapper(cast(BinaryIO, file), encoding, errors="replace") as text:
+            yield text
+
+
+def _parts(file: TextIO) -> Iterator[list[str]]:
+    """The lines of a text, so many at a time; ValueError of one that has no end."""
+    while True:
+        lines: list[str] = []
+        for _ in range(LINES):
+            line = file.readline(LONGEST)
+            if len(line) == LONGEST:
+                raise NoNumbers(f"a line of it is longer than {LONGEST:,} characters")
+            if not line:
+                break
+            lines.append(line.rstrip("\n"))
+        if not lines:
+            return
+        yield lines
 
 
 def _is_blank(layout: Layout, rows: Sequence[str], i: int) -> bool:
@@ -96,8 +168,8 @@ def _is_blank(layout: Layout, rows: Sequence[str], i: int) -> bool:
     return not named and all(cells_of(row, layout.separator)[i] == "" for row in rows[:100])
 
 
-def _numbers(rows: Sequence[str], layout: Layout, used: Sequence[int]) -> dict[int, np.ndarray]:
-    """The columns of numbers by their place."""
+def _numbers(rows: Sequence[str], layout: Layout, used: Sequence[int], before: int) -> dict[int, np.ndarray]:
+    """The columns of numbers by their place, of rows behind so many others."""
     if not used:
         return {}
     separator = None if layout.separator == " " else layout.separator
@@ -105,7 +177,7 @@ def _numbers(rows: Sequence[str], layout: Layout, used: Sequence[int]) -> dict[i
     try:
         table = np.loadtxt(filled, delimiter=separator, usecols=used, ndmin=2, comments=None, quotechar='"')
     except ValueError as error:
-        raise ValueError(_where(rows, layout, used) or str(error).splitlines()[0]) from None
+        raise ValueError(_where(rows, layout, used, before) or str(error).splitlines()[0]) from None
     return {i: table[:, j] for j, i in enumerate(used)}
 
 
@@ -123,9 +195,9 @@ def _filled(row: str, layout: Layout) -> str:
     return row
 
 
-def _where(rows: Sequence[str], layout: Layout, used: Sequence[int]) -> str:
+def _where(rows: Sequence[str], layout: Layout, used: Sequence[int], before: int) -> str:
     """The first cell that is no number, with its row and column."""
-    for number, row in enumerate(rows, start=1):
+    for number, row in enumerate(rows, start=before + 1):
         cells = cells_of(row, layout.separator)
         if len(cells) != len(layout.names):
             return f"row {number} has {len(cells)} cells, not {len(layout.names)}"

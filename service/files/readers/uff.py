@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,7 @@ def _column(name: str, data: dict[str, Any]) -> Column:
 def _moment(text: str) -> datetime | None:
     for form in MOMENTS:
         try:
-            return datetime.strptime(text.strip().title(), form).replace(tzinfo=UTC)
+            return datetime.strptime(text.strip().title(), form)  # by a local clock
         except ValueError:
             continue
     return None

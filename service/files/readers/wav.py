@@ -1,4 +1,4 @@
-"""WAV files, by scipy: integers of 8, 16, 24, 32 bits as shares of full scale, floating-point numbers as they are.
+"""WAV files: integers of 8 to 64 bits as shares of full scale, floating-point numbers as they are.
 
 A recorder that was interrupted leaves sizes of 0 or of the largest number in the header, or half a frame at the end:
 the whole frames that are there are read.
@@ -6,34 +6,66 @@ the whole frames that are there are read.
 
 from __future__ import annotations
 
-import io
 import struct
-import warnings
+from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.io import wavfile
 
 from service.files.dates import stated_in
+from service.files.readers.stored import StoredRow, in_memory
 from service.files.readers.table import Column, Table
+
+PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
+UNKNOWN_SIZE = 2**32 - 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Samples:
+    """Where the samples of a file lie, and how they are coded."""
+
+    path: Path
+    order: str  # of the bytes, < or >
+    at: int  # first byte
+    count: int  # of each channel
+    channels: int
+    rate: int  # [Hz]
+    coding: int
+    width: int  # bytes of a sample
+
+    def track(self, channel: int, begin: int, end: int) -> np.ndarray:
+        """The values of a channel from one place up to another."""
+        frame = self.channels * self.width
+        with self.path.open("rb") as file:
+            file.seek(self.at + begin * frame)
+            raw = np.frombuffer(file.read((end - begin) * frame), dtype=np.uint8)
+        own = np.ascontiguousarray(raw.reshape(-1, self.channels, self.width)[:, channel])
+        if self.coding == FLOAT:
+            return own.view(f"{self.order}f{self.width}")[:, 0].astype(f"f{self.width}")
+        if self.width == 1:
+            return (own[:, 0].astype(float) - 128) / 128
+        whole = np.zeros((own.shape[0], 8 if self.width > 4 else 4), dtype=np.uint8)  # the value in its highest bytes
+        place = slice(0, self.width) if self.order == ">" else slice(-self.width, None)
+        whole[:, place] = own
+        numbers = whole.view(f"{self.order}i{whole.shape[1]}")[:, 0]
+        return numbers / float(2 ** (8 * whole.shape[1] - 1))
 
 
 def read_wav(path: Path) -> Table:
     """The tracks of the file as `channel 1`, `channel 2`, …"""
-    mended, notes = _mended(path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of measuring devices that scipy does not know
-        rate, data = wavfile.read(mended or path)
-    if data.dtype.kind in "iu":
+    samples, notes = _samples(path)
+    if samples.coding == PCM:
         notes = (*notes, "values are shares of full scale, −1 to 1: the file states no unit")
-        if data.dtype.kind == "u":
-            data = (data.astype(float) - 128) / 128
-        else:
-            data = data / float(2 ** (8 * data.dtype.itemsize - 1))  # scipy shifts 24 bits to the top of 32
-    tracks = np.atleast_2d(data.T)
-    columns = (Column(name=f"channel {i}", values=track, rate=float(rate)) for i, track in enumerate(tracks, start=1))
-    return Table(format="WAV", columns=tuple(columns), rate=float(rate), started=_started(path), notes=notes)
+    columns = []
+    for i in range(samples.channels):
+        read = partial(samples.track, i)
+        row = StoredRow(size=samples.count, dtype=read(0, 1).dtype, read=read)
+        columns.append(Column(name=f"channel {i + 1}", values=in_memory(row), rate=float(samples.rate)))
+    return Table(
+        format="WAV", columns=tuple(columns), rate=float(samples.rate), started=_started(path), notes=notes
+    )  # fmt: skip
 
 
 def _started(path: Path) -> datetime | None:
@@ -54,37 +86,43 @@ def _started(path: Path) -> datetime | None:
     return stated_in([("date", day + b" " + hour), ("date", date.rstrip(b"\0"))])
 
 
-def _mended(path: Path) -> tuple[io.BytesIO | None, tuple[str, ...]]:
-    """The file with the true size of its samples, and a note, where its header is wrong; None where it is right."""
+def _samples(path: Path) -> tuple[_Samples, tuple[str, ...]]:
+    """Where the samples lie, with a note where the header states another size than the file has."""
     whole = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(12)
-        if head[:4] not in (b"RIFF", b"RIFX") or head[8:12] != b"WAVE":
-            return None, ()
-        order = "<" if head[:4] == b"RIFF" else ">"
-        form, frame = b"", 0
+        order = ">" if head[:4] == b"RIFX" else "<"
+        form, size, long_size = b"", 0, None
         while len(mark := file.read(8)) == 8:
             size = struct.unpack(f"{order}I", mark[4:])[0]
             if mark[:4] == b"data":
                 break
-            chunk = file.read(size + size % 2)
-            if mark[:4] == b"fmt " and len(chunk) >= 16:
-                form, frame = chunk, struct.unpack(f"{order}H", chunk[12:14])[0]
+            chunk = file.read(min(size + size % 2, whole))
+            form = chunk if mark[:4] == b"fmt " else form
+            long_size = struct.unpack("<Q", chunk[8:16])[0] if mark[:4] == b"ds64" and len(chunk) >= 16 else long_size
         else:
             raise ValueError("its header ends before any samples")
-        if not frame:
-            raise ValueError("its header does not say how its samples are stored")
-        there = whole - file.tell()
-        if 0 < size <= there and size % frame == 0:
-            return None, ()
-        count = (there if size == 0 or size > there else size) // frame
-        if count < 2:
-            raise ValueError(f"it holds {count} samples")
-        samples = file.read(count * frame)
-    parts = b"fmt " + struct.pack(f"{order}I", len(form)) + form + b"data" + struct.pack(f"{order}I", len(samples))
-    riff = head[:4] + struct.pack(f"{order}I", min(4 + len(parts) + len(samples), 2**32 - 1)) + b"WAVE"
-    note = (
-        f"the header states {size} bytes of samples where {there} are there, as an interrupted recorder leaves it: the "
-        f"{count} whole samples of each channel are read"
-    )
-    return io.BytesIO(riff + parts + samples), (note,)
+        at = file.tell()
+    if len(form) < 16:
+        raise ValueError("its header does not say how its samples are stored")
+    coding, channels, rate, _, frame, _ = struct.unpack(f"{order}HHIIHH", form[:16])
+    if coding == EXTENSIBLE and len(form) >= 26:
+        coding = struct.unpack(f"{order}H", form[24:26])[0]
+    width = frame // channels if channels else 0
+    if coding not in (PCM, FLOAT) or width not in ((4, 8) if coding == FLOAT else (1, 2, 3, 4, 8)) or rate == 0:
+        raise ValueError(f"its samples are coded in a way (number {coding}, {width} bytes) that is not known here")
+    if long_size is not None and size == UNKNOWN_SIZE:
+        size = long_size
+    there = whole - at
+    count = (size if 0 < size <= there else there) // frame
+    if count < 2:
+        raise ValueError(f"it holds {count} samples")
+    notes: tuple[str, ...] = ()
+    if not 0 < size <= there or size % frame:
+        notes = (
+            f"the header states {size} bytes of samples where {there} are there, as an interrupted recorder leaves it: "
+            f"the {count} whole samples of each channel are read",
+        )
+    return _Samples(
+        path=path, order=order, at=at, count=count, channels=channels, rate=rate, coding=coding, width=width
+    ), notes  # fmt: skip

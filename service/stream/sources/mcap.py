@@ -236,12 +236,17 @@ def read_windows(
 ) -> tuple[Mapping[str, Any] | None, dict[str, str], list[Window]]:
     """All windows of a recording of one asset: (rig mapping or None, metadata, windows)."""
     with Recording(path, prefix) as recording:
-        if len(recording.assets) > 1:
-            raise InputError(f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one")
-        assembler = Assembler(settings)
-        assembler.expect(label for asset in recording.assets for label in recording.labels(asset))
-        windows: list[Window] = []
-        for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):
-            windows += assembler.add(frame)
-        windows += assembler.flush()
-        return recording.rig(), recording.metadata, windows
+        return recording.rig(), recording.metadata, list(windows_of(recording, settings))
+
+
+def windows_of(recording: Recording, settings: AssemblySettings = DEFAULT) -> Iterator[Window]:
+    """The windows of a recording of one asset, one after the other."""
+    if len(recording.assets) > 1:
+        raise InputError(
+            f"{recording.path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one"
+        )
+    assembler = Assembler(settings)
+    assembler.expect(label for asset in recording.assets for label in recording.labels(asset))
+    for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):
+        yield from assembler.add(frame)
+    yield from assembler.flush()
