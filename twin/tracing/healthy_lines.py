@@ -105,7 +105,7 @@ class LearnedFactors:
 
     def at(self, frequency: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors of path and mesh at frequencies [Hz] in a window; complex (n,) each."""
-        return PATH.predict(self.path, frequency, window)[0], MESH.predict(self.mesh, frequency, window)[0]
+        return PATH.predict(self.path, frequency, window), MESH.predict(self.mesh, frequency, window)
 
     def unknown(self, channel: str, frequency: np.ndarray) -> np.ndarray:
         """u = √(1 − r²), r the correlation with the nearest line that was learned, at frequencies [Hz] (n,)."""
