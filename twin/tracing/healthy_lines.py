@@ -26,7 +26,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from twin.rig import Rig
 from twin.scales import Scales
@@ -231,4 +231,4 @@ def largest_healthy(variances: Sequence[np.ndarray], limits: HealthyLimits = LIM
     if not np.any(most > 0):
         return 0.0
     count = 2 * float(most.sum()) ** 2 / float(np.sum(most**2))
-    return sum(whole) * float(chi2.ppf(limits.quantile, count)) / count
+    return sum(whole) * float(2 * gammaincinv(count / 2, limits.quantile)) / count

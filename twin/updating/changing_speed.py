@@ -103,7 +103,9 @@ def with_changing_speed(rig: Rig, features: WindowFeatures, limits: ChangingSpee
     def at_mean(channel: str, lines: MeasuredLines | None) -> MeasuredLines | None:
         if lines is None:
             return None
-        return _at_mean_speed(lines, orders, [made[channel].at_mean / made[channel].mean for made in (nominal, *others)])
+        return _at_mean_speed(
+            lines, orders, [made[channel].at_mean / made[channel].mean for made in (nominal, *others)]
+        )
 
     level = None
     if features.acceleration is not None and features.rms:

@@ -100,7 +100,9 @@ class WearForecast:
             ψ, slope = self._bent(L, *form)
             return (now[:, 1] * L + c * ψ) / to_go - 1, (now[:, 1] + c * slope) * L / to_go
 
-        L = np.exp(rising_roots(worn, at, at - LONGEST, at + LONGEST))  # a rate that falls along a line would end at none
+        L = np.exp(
+            rising_roots(worn, at, at - LONGEST, at + LONGEST)
+        )  # a rate that falls along a line would end at none
         ψ, slope = self._bent(L, *form)
         row = np.stack([np.ones_like(L), L, by_c * ψ], axis=1)
         var = np.einsum("hi,hij,hj->h", row, P, row) + self.wander[fits] * L**3 / 3 + self.irregular[fits] * L
