@@ -176,7 +176,8 @@ def followed(history: History) -> Iterator[Scored]:
                 left = history.life - point.revolutions
                 beyond = life.beyond(left)
                 yield scored(
-                    partial(_quantile, life), left, 0.0 if beyond is None else 1 - beyond, group="drawn", kind=history.kind,
+                    partial(_quantile, life), left, 0.0 if beyond is None else 1 - beyond, group="drawn",
+                    kind=history.kind,
                     what=what, campaign=f"{history.kind}-{history.seed}", by="gear-twin",
                     seconds=process_time() - begun,
                 )  # fmt: skip
