@@ -20,7 +20,7 @@ from math import pi
 from pathlib import Path
 
 from benchmarks.long_recording import write_long_recording
-from service.runtime.assess import rig_of
+from service.files.recorded_rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.features.extract import extract
 from twin.model import Calibration, Condition, Model
