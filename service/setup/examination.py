@@ -101,7 +101,7 @@ def _of_rig(rig: Rig, rig_path: Path) -> Examination:
     accelerometers = int(rig.accelerometer is not None)
     edges = tuple(int(rig.get(f"encoders.{shaft}_edges_per_rev", 0)) for shaft in ("pinion", "gear"))
     equipment = equipment_of_rig(rig, accelerometers, (edges[0], edges[1]), rig.has("sensors.torque"))
-    return _with_abilities(equipment, rig, None, rig_path, 0, (), _rig_findings(rig))
+    return _with_abilities(equipment, None, rig_path, 0, (), _rig_findings(rig))
 
 
 def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> Examination:
