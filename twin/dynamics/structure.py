@@ -188,22 +188,27 @@ class Structure:
         ω = np.asarray(omega, dtype=float)
         if ω.size <= FEW:
             return _few_receptances(self, ω.tobytes(), force.tobytes(), response.tobytes())
-        return self.receptances(ω, force, [response])[0]
-
-    def receptances(self, omega: np.ndarray, force: np.ndarray, responses: Sequence[np.ndarray]) -> np.ndarray:
-        """The same along several directions (d, n), at frequencies that are not asked for again."""
         Φ = self.modes[1]
-        strength = (np.array(responses) @ Φ) * (Φ.T @ force)
-        out = np.empty((len(responses), omega.size), dtype=complex)
-        for first in range(0, omega.size, PIECE):
+        strength, out = (response @ Φ) * (Φ.T @ force), np.empty(ω.size, dtype=complex)
+        for first in range(0, ω.size, PIECE):
             some = slice(first, first + PIECE)
-            real = self.modes[0][:, None] ** 2 - omega[some] ** 2
-            imag = self.modal_damping_terms[:, None] * omega[some]
+            real = self.modes[0][:, None] ** 2 - ω[some] ** 2
+            imag = self.modal_damping_terms[:, None] * ω[some]
             square = real**2 + imag**2
             real /= square
             imag /= square
-            out.real[:, some], out.imag[:, some] = strength @ real, -(strength @ imag)
+            out.real[some], out.imag[some] = strength @ real, -(strength @ imag)
         return out
+
+    def receptances(self, omega: np.ndarray, force: np.ndarray, responses: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The same along several directions (n,) each, at a few frequencies that are not asked for again."""
+        modal = _modal(self, omega)
+        return [self._receptance(modal, force, response) for response in responses]
+
+    def _receptance(self, modal: np.ndarray, force: np.ndarray, response: np.ndarray) -> np.ndarray:
+        """The same from the receptances of the modes (n, 21)."""
+        Φ = self.modes[1]
+        return (modal * ((response @ Φ) * (Φ.T @ force))).sum(axis=1)
 
     def static_response(self, response: np.ndarray, force: np.ndarray) -> float:
         """Mean response [m/N] along one direction to a self-balanced set of constant forces.
@@ -237,9 +242,16 @@ class Structure:
 @lru_cache(maxsize=1024)  # at most FEW frequencies: 1 MB together
 def _few_receptances(structure: Structure, omega: bytes, force: bytes, response: bytes) -> np.ndarray:
     """`Structure.receptance` at the lines that are compared with measured ones, which fits ask for again and again."""
-    (values,) = structure.receptances(np.frombuffer(omega), np.frombuffer(force), [np.frombuffer(response)])
+    modal = _modal(structure, np.frombuffer(omega))
+    values = structure._receptance(modal, np.frombuffer(force), np.frombuffer(response))
     values.setflags(write=False)
     return values
+
+
+def _modal(structure: Structure, omega: np.ndarray) -> np.ndarray:
+    """1/(ω_r² − ω² + iω·2ζω_r) of every mode (n, 21) complex, at n frequencies [rad/s]."""
+    ω = omega[:, None]
+    return 1 / (structure.modes[0] ** 2 - ω**2 + 1j * ω * structure.modal_damping_terms)
 
 
 @lru_cache(maxsize=64)
