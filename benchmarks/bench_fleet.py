@@ -86,8 +86,8 @@ class _Sink:
 
 def loop(database: str, recordings: list[str]) -> None:
     """Takes recordings through the pipeline, the first one to warm up; prints what each of the others took [s]."""
+    from service.files.recorded_rig import rig_of
     from service.results.sql_store import SqlStore
-    from service.runtime.assess import rig_of
     from service.runtime.pipeline import Pipeline
     from service.runtime.twin_port import gear_twin
     from service.stream.sources.mcap import Recording

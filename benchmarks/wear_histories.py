@@ -21,15 +21,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from time import process_time
 
 import numpy as np
+from scipy.special import ndtri
 
 from benchmarks.bench_dynamics import CONDITION, reference_model
 from benchmarks.reliability_scores import Scored, scored
 from twin.updating.measurement import SCATTER as SCATTER_STATED
-from twin.updating.remaining_life import remaining_life
+from twin.updating.remaining_life import RemainingLife, remaining_life
 from twin.updating.tracker import WearTrack
 from twin.updating.wear_forecast import forecast_of
 from twin.updating.wear_points import WearPoint, with_point
@@ -154,6 +155,10 @@ def wear_points(history: History) -> tuple[WearPoint, ...]:
     return tuple(out)
 
 
+def _quantile(life: RemainingLife, probability: float) -> float:
+    return float(life.at(ndtri([probability]))[0])
+
+
 def followed(history: History) -> Iterator[Scored]:
     """The life that the twin states at half-life and near the end, against the truth."""
     points = wear_points(history)
@@ -171,7 +176,8 @@ def followed(history: History) -> Iterator[Scored]:
                 left = history.life - point.revolutions
                 beyond = life.beyond(left)
                 yield scored(
-                    life.quantile, left, 0.0 if beyond is None else 1 - beyond, group="drawn", kind=history.kind,
+                    partial(_quantile, life), left, 0.0 if beyond is None else 1 - beyond, group="drawn",
+                    kind=history.kind,
                     what=what, campaign=f"{history.kind}-{history.seed}", by="gear-twin",
                     seconds=process_time() - begun,
                 )  # fmt: skip

@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 from tests.dynamics_cases import RIG, TEN, model, worn
+from twin.dynamics.structure import direction
 from twin.effects import EFFECTS, Response, solve_with
 
 MESH, PINION, GEAR = 988, 52, 19  # lines of the hunting-tooth record between two orders of each
@@ -50,3 +51,14 @@ def solved(*effects, depth: float = 0.0, condition=TEN, period=None, samples=Non
 @lru_cache(maxsize=32)
 def with_instance(name: str, period: str) -> Response:
     return solved({**INSTANCES, **GEAR_INSTANCES}[name][0], period=period)
+
+
+def action_power(found):
+    """Power that the actions of the contacts take from the mean rotation (n,) [W].
+
+    Those of an error that only varies in time give back what they take, over a period.
+    """
+    ω1, ω2 = found.setup.omega
+    turning = direction({f"th{n}": ω1 for n in (1, 2, 3, 5, 7)} | {f"th{n}": ω2 for n in (8, 10, 12, 13)})
+    sides = found.contacts.side[:, None] * found.steady.contact_forces
+    return sum(float(a.direction @ turning) * (a.weight * sides).sum(axis=0) for a in found.contacts.actions)

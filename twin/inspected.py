@@ -124,7 +124,7 @@ def _life(
     """The life of the inspected track; a young rate is doubted as without inspections."""
     young = _young(memory, len(result.compared))
     doubt = 0.0 if young is None else ESTABLISHED.young_rate
-    after = life_of_track(rig, found.track, scale.curve, scale.base, _condition(memory, life), None, doubt)
+    after = life_of_track(rig, found.track, scale.curve, scale.base, _condition(memory, life), doubt)
     if not isinstance(after, Life):
         return after
     return replace(after, preliminary=None if settled and young is None else result.life_preliminary or young)

@@ -224,7 +224,7 @@ def _spread(rig: Rig, memory: Memory, life: Life, depth: Interval, limit: float)
     if to_near == 0:
         return stated
     beyond = sqrt(max(own**2 - _spread_of(end.median, end.p05) ** 2, 0.0))
-    logs = np.array([log(near.at(z) / near.median) for z in SCORES.tolist()])
+    logs = np.log(near.at(SCORES) / near.median)
     return _Spread(scores=SCORES, logs=logs).widened(beyond)
 
 

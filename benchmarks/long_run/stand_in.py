@@ -19,8 +19,8 @@ from typing import Any
 
 from service.__main__ import leave
 from service.contract.estimate import Estimate
+from service.files.recorded_rig import rig_of
 from service.json_text import json_text
-from service.runtime.assess import rig_of
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.serve import run

@@ -35,7 +35,6 @@ if TYPE_CHECKING:  # a start of the service loads no part of the twin that compu
     from twin import assessment
 
 SCHEMA_VERSION = 2
-WINDOWS_SHOWN = 100  # latest window records that the service's answer about an asset carries
 SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration", "tracing")
 NO_WINDOW = "no window has been assessed by the twin yet"
 NO_WHOLE_WINDOW = "no whole measurement window has been received yet"

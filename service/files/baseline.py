@@ -25,9 +25,9 @@ from service.contract.baseline import BaselineWindow, UnattributedLines, Unattri
 from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.modulation import Modulation
 from service.errors import InputError
+from service.files.recorded_rig import choose_asset, rig_of
 from service.files.rig import assembly_for, checked_rig, window_of_rig
 from service.json_text import plain
-from service.runtime.assess import choose_asset, rig_of
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording, read_windows
 from service.stream.wire.topics import PREFIX

@@ -64,13 +64,6 @@ class Engine:
             )  # fmt: skip
         return [node for node in found if node.room or not node.alive]
 
-    def unplaced(self) -> list[int]:
-        """Partitions whose actor has not been placed: there is no room for it, or it is only just being started."""
-        asked = {self._actor(partition).pid.remote(): partition for partition in self._layout.all}
-        ready, waiting = ray.wait(list(asked), num_returns=len(asked), timeout=ASK_WAIT)
-        failed = [reference for reference in ready if not _answered(reference)]
-        return sorted(asked[reference] for reference in (*waiting, *failed))
-
     def room(self) -> int:
         """Partitions that all nodes that live may serve together."""
         return sum(node.room for node in self.nodes() if node.alive)

@@ -36,9 +36,12 @@ GATHER = 0.5  # after a write, so that the changes of several assets make one tr
 FRESH_EVERY = 10.0  # between two rows of an asset that differ only in when frames came last [s]
 BATCH = 100  # rows of one transaction
 PAUSE = 1.0  # after a failure [s]
+SHOWN = (
+    "last_event_id", "windows_total", "epoch", "stale", "damaged", "unstored", "report", "rig", "alarms",
+    "question", "retired", "waiting",
+)  # fmt: skip
 STOP_WAIT = 3.0  # [s]
 
-_WRITTEN = ("area", "severity", "level", "changed_ns", "summary", "words", "volatile")
 _ROW = postgresql.insert(ASSETS)
 _PUT = _ROW.on_conflict_do_update(
     index_elements=[ASSETS.c.asset],
@@ -64,7 +67,7 @@ class RowWriter(threading.Thread):
         super().__init__(name="rows", daemon=True)
         self._database, self._board, self._partition = database, board, partition
         self._stopping = threading.Event()
-        self._written: dict[str, tuple[Any, ...]] = {}  # by asset: what the row shows, apart from when frames came
+        self._written: dict[str, Snapshot] = {}  # by asset: what the row shows, apart from when frames came
         self._later: dict[str, None] = {}  # assets whose rows can wait
         self._fresh_at = 0.0
         self._swept = False
@@ -103,7 +106,7 @@ class RowWriter(threading.Thread):
         due: dict[str, None] = {}
         for asset in waiting:
             snapshot = self._board.get(asset)
-            if snapshot is None or self._written.get(asset) != _shown(snapshot):
+            if snapshot is None or not _looks_alike(self._written.get(asset), snapshot):
                 due[asset] = None
             else:
                 self._later[asset] = None
@@ -140,7 +143,7 @@ class RowWriter(threading.Thread):
                     db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
                     db.execute(sa.delete(CURVES).where(CURVES.c.asset.in_(gone)))
                     say(db, gone)
-            self._written.update({name: _shown(snapshot) for name, snapshot in shown.items()})
+            self._written.update(shown)
             for name in gone:
                 self._written.pop(name, None)
 
@@ -201,10 +204,8 @@ def _waiting(data: Mapping[str, Any]) -> Waiting:
     return Waiting(**{**data, "behind": tuple(data["behind"])})
 
 
-def _shown(snapshot: Snapshot) -> tuple[Any, ...]:
-    """What a row shows of an asset, apart from when frames came last."""
-    return (
-        snapshot.last_event_id, snapshot.windows_total, snapshot.epoch, snapshot.stale, snapshot.damaged,
-        snapshot.unstored, id(snapshot.report), id(snapshot.rig), id(snapshot.alarms), id(snapshot.question),
-        id(snapshot.retired), snapshot.waiting,
-    )  # fmt: skip
+def _looks_alike(before: Snapshot | None, now: Snapshot) -> bool:
+    """Whether a row shows the same of an asset, apart from when frames came last."""
+    return before is not None and all(
+        getattr(before, name) is getattr(now, name) or getattr(before, name) == getattr(now, name) for name in SHOWN
+    )

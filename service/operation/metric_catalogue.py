@@ -54,7 +54,6 @@ def _times(name: str, meaning: str, action: str = "", *labels: str) -> MetricEnt
 
 REPORT = "Report it, with the lines of the log: it is an internal error."
 STORAGE = "The log and `/readyz` give the cause: free space, repair the disk, or start the database server."
-PROCESSES = "with worker processes"
 MQTT, INPUTS, OPCUA = "with MQTT", "with slow values from MQTT", "with OPC UA"
 FIGURE = "where the twin of the asset has this figure"
 

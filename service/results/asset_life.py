@@ -25,7 +25,11 @@ from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
 from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
+<<<<<<< HEAD
 from service.results.window_file import SUFFIX, UNFINISHED, read_window, sync_folder, write_window
+=======
+from service.results.window_file import SUFFIX, sync_folder, write_window
+>>>>>>> wt-c
 from service.steady_clock import later_time_ns
 from twin.windows import Window
 
@@ -228,10 +232,6 @@ class AssetLife:
         for asset, number, start, size in self._database.rows(_ALL_WAITING):
             waiting[asset] = (*waiting.get(asset, ()), WaitingWindow(id=number, start_ns=start, bytes=size))
         return waiting
-
-    def read_waiting(self, number: int) -> Window:
-        """A window that waits; OSError, ValueError or KeyError where its file cannot be read."""
-        return read_window(self._path(number))
 
     def drop_waiting(self, number: int) -> None:
         """Ends the wait of a window that is processed by the present transaction."""

@@ -154,11 +154,6 @@ class Lanes:
         """What the windows of all assets that wait take on disk."""
         return sum(lane.bytes for lane in self.all())
 
-    @property
-    def total_shed(self) -> int:
-        """How many windows of all assets were left out."""
-        return sum(lane.shed for lane in self.all())
-
     def most_waiting(self) -> str:
         """The asset whose windows that wait take most."""
         return max(self._lanes.values(), key=lambda lane: (lane.bytes, len(lane.entries))).asset

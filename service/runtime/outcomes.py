@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 from service.operation.journey import Journey
 from service.runtime.twin_port import Events
@@ -74,13 +74,6 @@ class DecisionOutcome:
     state: Any  # twin.step.State after it
     report: Mapping[str, Any]
     events: Events
-
-
-class Freshness(NamedTuple):
-    """How old what is known of an asset is; None where nothing has come yet."""
-
-    last_arrival_ns: int | None  # host's clock when the newest frame came, Unix time [ns]
-    last_window_ns: int | None  # end of the newest window by the stream's own clock, Unix time [ns]
 
 
 class WaitingPlace(Protocol):

@@ -17,7 +17,7 @@ from typing import Any
 
 from service.errors import FrameError
 from service.files.rig import assembly_for, expected_channels
-from service.runtime.outcomes import ClosedWindow, Freshness
+from service.runtime.outcomes import ClosedWindow
 from service.settings import Settings
 from service.steady_clock import later_time_ns
 from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
@@ -127,7 +127,7 @@ class Reception:
 
     def channels(self, asset: str) -> Collection[str]:
         """The channels that an asset's windows wait for."""
-        return self._of(asset).assembler.channels
+        return self._assets[asset].assembler.channels if asset in self._assets else ()
 
     def waiting(self, asset: str) -> bool:
         """Whether frames of an asset wait for their window's end."""
@@ -141,11 +141,11 @@ class Reception:
 
     def rig(self, asset: str) -> Rig:
         """The rig that an asset's frames are held against."""
-        return self._of(asset).rig
+        return self._assets[asset].rig if asset in self._assets else self._rig_of(asset)
 
     def counts(self, asset: str) -> Quality:
         """The counts of an asset's windows, and its newest faults."""
-        return self._of(asset).counts
+        return self._assets[asset].counts if asset in self._assets else Quality()
 
     def keep_counts(self, asset: str, counts: Quality) -> None:
         """Goes on from other counts, once they have been committed."""
@@ -153,7 +153,7 @@ class Reception:
 
     def quality(self, asset: str, counts: Quality | None = None) -> dict[str, Any]:
         """The section `data_quality` as of now, or with other counts."""
-        received = self._of(asset)
+        received = self._assets.get(asset) or self._new(asset)
         return (counts or received.counts).to_dict(received.assembler.counters, received.expected)
 
     def position(self, asset: str) -> Position | None:
@@ -164,14 +164,14 @@ class Reception:
         """Windows by asset that were left out for want of room, since the service was started; for any thread."""
         return {asset: received.assembler.shed for asset, received in list(self._assets.items())}
 
-    def freshness(self, asset: str) -> Freshness:
-        """When the newest frame of an asset came, and when its newest window ended."""
-        assembler = self._of(asset).assembler
-        return Freshness(assembler.last_arrival_ns, assembler.closed_until_ns or None)
+    def last_arrival_ns(self, asset: str) -> int | None:
+        """When the newest frame of an asset came, by the host's clock, Unix time [ns]; None before the first."""
+        return self._assets[asset].assembler.last_arrival_ns if asset in self._assets else None
 
     def ended_ns(self, asset: str) -> int:
         """End of the newest window on the stream's own clock, else the host's time; Unix time [ns]."""
-        return self._of(asset).assembler.closed_until_ns or (self._host_clock or later_time_ns)()
+        ended_ns = self._assets[asset].assembler.closed_until_ns if asset in self._assets else 0
+        return ended_ns or (self._host_clock or later_time_ns)()
 
     # -- changes -------------------------------------------------------------------------------------
 
@@ -213,11 +213,14 @@ class Reception:
 
     def _of(self, asset: str) -> _Received:
         if asset not in self._assets:
-            rig = self._rig_of(asset)
-            assembler = Assembler(assembly_for(rig, self._assembly))
-            assembler.used = self._used
-            self._assets[asset] = _Received(rig, expected_channels(rig), assembler)
+            self._assets[asset] = self._new(asset)
         return self._assets[asset]
+
+    def _new(self, asset: str) -> _Received:
+        rig = self._rig_of(asset)
+        assembler = Assembler(assembly_for(rig, self._assembly))
+        assembler.used = self._used
+        return _Received(rig, expected_channels(rig), assembler)
 
 
 def assembly_settings(settings: Settings) -> AssemblySettings:

@@ -280,7 +280,7 @@ class Worker(threading.Thread):
         store, board, life, storage, known = kept.store, kept.board, kept.life, self._storage, kept.known
 
         def close(closed: ClosedWindow) -> None:
-            closed.journey.received_ns = reception.freshness(closed.asset).last_arrival_ns or 0
+            closed.journey.received_ns = reception.last_arrival_ns(closed.asset) or 0
             spool.add(closed)
 
         reception = self._reception = Reception(
@@ -404,7 +404,7 @@ class Worker(threading.Thread):
         return snapshot is not None and snapshot.retired is not None
 
     def _show_quality(self, reception: Reception, asset: str) -> None:
-        last_frame_ns = reception.freshness(asset).last_arrival_ns
+        last_frame_ns = reception.last_arrival_ns(asset)
         self._kept.board.update(asset, quality=reception.quality(asset), last_frame_ns=last_frame_ns)
 
 

@@ -42,6 +42,7 @@ PATIENCE = 2.0  # ... and so many times as long after each time that another did
 SLOW_START = 10.0  # after which the service says that it waits for one [s]
 LOOK_EVERY = 0.25  # whether the processes still live: each look reads a file of the system [s]
 UNNOTICED = 5.0  # how long a process may be dead before it is noticed: the server that made it should say so [s]
+MOST_ASSETS = 2048  # of one worker
 MOVE_AFTER = 5.0  # how long a call waits for its asset's own worker while another is idle [s]
 MOST_PAUSE = 60.0  # between two starts of workers where none succeeds: 1 s at first, then twice as long each time [s]
 
@@ -68,7 +69,15 @@ class _Worker:
     starting: float | None = None  # since when a thread has been starting its process, on the monotonic clock [s]
     given_up: float = 0.0  # when the server was last replaced for that [s]
     jobs: deque[_Job] = field(default_factory=deque)  # of its assets, that wait for it
-    assets: set[str] = field(default_factory=set)
+    assets: dict[str, None] = field(default_factory=dict)  # whose curves it has, the latest last
+
+    def with_asset(self, asset: str) -> _Worker:
+        """Itself, which has the asset as its latest; of too many, the one asked for longest ago is given up."""
+        self.assets.pop(asset, None)
+        self.assets[asset] = None
+        if len(self.assets) > MOST_ASSETS:
+            del self.assets[next(iter(self.assets))]
+        return self
 
 
 class Processes:
@@ -247,10 +256,8 @@ class Processes:
         """The worker that has an asset's curves; for a new asset the one with the fewest."""
         for worker in self._workers:
             if asset in worker.assets:
-                return worker
-        worker = min(self._workers, key=lambda w: len(w.assets))
-        worker.assets.add(asset)
-        return worker
+                return worker.with_asset(asset)
+        return min(self._workers, key=lambda w: len(w.assets)).with_asset(asset)
 
     def _move(self) -> None:
         """Moves assets that have waited for long to workers that are idle."""
@@ -263,9 +270,8 @@ class Processes:
                 return
             crowded = min(busy, key=lambda w: w.jobs[0].since)
             job = crowded.jobs.popleft()
-            crowded.assets.discard(job.call.asset)
-            idle.assets.add(job.call.asset)
-            idle.jobs.append(job)
+            crowded.assets.pop(job.call.asset, None)
+            idle.with_asset(job.call.asset).jobs.append(job)
             self._next(idle)
 
     # -- processes -----------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from twin.rig import Rig
 
 T = TypeVar("T")
 
+MACHINES = 2048  # that are at hand pickled; those of others are pickled again
 KEPT = 64  # assets whose rig, twin and state a worker has at hand; those of others are loaded again
 NICENESS = 10  # of a worker: frames are received and requests are answered before windows are computed
 MOST_RECORDS = 200  # log records that one call sends back
@@ -67,7 +68,7 @@ class Tasks:
 
     def __init__(self, curves: CurvePlace | None = None) -> None:
         self._curves = curves
-        self._machines: dict[str, tuple[Twin, Rig, bytes]] = {}
+        self._machines = _Recent(MACHINES)  # twin, rig and both pickled, by asset
 
     def of(self, call: Call) -> Task:
         """The task of a call whose state is packed."""
@@ -75,7 +76,8 @@ class Tasks:
         known = self._machines.get(call.asset)
         if known is None or known[0] is not call.twin or known[1] is not call.rig:
             pickled = pickle.dumps((call.twin.make, call.twin.options, call.rig))
-            known = self._machines[call.asset] = call.twin, call.rig, pickled
+            known = call.twin, call.rig, pickled
+            self._machines.keep(call.asset, known)
         return Task(
             asset=call.asset, machine=known[2], state=call.state, ask=call.ask, hand_back=call.hand_back,
             curves=self._curves,
@@ -83,7 +85,11 @@ class Tasks:
 
 
 class _Recent(OrderedDict[Hashable, Any]):
-    """Values by key, the most recently used ones."""
+    """Values by key, so many of the most recently used ones."""
+
+    def __init__(self, most: int = KEPT) -> None:
+        super().__init__()
+        self._most = most
 
     def get_or(self, key: Hashable, make: Callable[[], T]) -> T:
         value: T = self[key] if key in self else make()
@@ -93,7 +99,7 @@ class _Recent(OrderedDict[Hashable, Any]):
     def keep(self, key: Hashable, value: Any) -> None:
         self[key] = value
         self.move_to_end(key)
-        while len(self) > KEPT:
+        while len(self) > self._most:
             self.popitem(last=False)
 
 

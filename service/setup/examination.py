@@ -101,7 +101,7 @@ def _of_rig(rig: Rig, rig_path: Path) -> Examination:
     accelerometers = int(rig.accelerometer is not None)
     edges = tuple(int(rig.get(f"encoders.{shaft}_edges_per_rev", 0)) for shaft in ("pinion", "gear"))
     equipment = equipment_of_rig(rig, accelerometers, (edges[0], edges[1]), rig.has("sensors.torque"))
-    return _with_abilities(equipment, rig, None, rig_path, 0, (), _rig_findings(rig))
+    return _with_abilities(equipment, None, rig_path, 0, (), _rig_findings(rig))
 
 
 def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> Examination:
@@ -128,11 +128,11 @@ def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> E
         rig, sum(label.startswith("accel/") for label in labels), (edges[0], edges[1]), "torque/pinion" in labels
     )
     rows = tuple(_row(label, windows) for label in sorted(labels))
-    return _with_abilities(equipment, rig, path, rig_said, len(windows), rows, found)
+    return _with_abilities(equipment, path, rig_said, len(windows), rows, found)
 
 
 def _with_abilities(
-    equipment: Equipment, rig: Rig, path: Path | None, rig_said: Any, windows: int, rows: Any, found: Any
+    equipment: Equipment, path: Path | None, rig_said: Any, windows: int, rows: Any, found: Any
 ) -> Examination:
     return Examination(
         recording=None if path is None else str(path),

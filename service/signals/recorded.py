@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import FrameError, InputError
+from service.files.recorded_rig import choose_asset, rig_of
 from service.files.rig import assembly_for, window_of_rig
-from service.runtime.assess import choose_asset, rig_of
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import gear_twin

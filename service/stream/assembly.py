@@ -129,7 +129,7 @@ class Assembler:
             fate = order.PAST
         if fate == order.CLOCK:
             if self._contradictions.hold(frame):
-                yield from self._resynchronise(frame, now_ns)
+                yield from self._resynchronise(now_ns)
         elif fate == order.QUEUED:
             self._leave_out_contradictions()
             yield from self._advance(label, lane)
@@ -144,7 +144,7 @@ class Assembler:
         """As `flush`, each window with the resume state that goes with it."""
         held, lanes = self._contradictions.held, self._lanes.values()
         if held and not any(lane.last or lane.queue for lane in lanes):  # all that came contradicts the host's clock
-            yield from self._resynchronise(held[-1], None)
+            yield from self._resynchronise(None)
         yield from self._force()
         if self._open is not None:
             for label, lane in self._lanes.items():
@@ -375,7 +375,7 @@ class Assembler:
                     frame, "none", f"frame left out: its time {said(frame.start_time_ns)} contradicts the others"
                 )
 
-    def _resynchronise(self, frame: Frame, now_ns: int | None) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _resynchronise(self, now_ns: int | None) -> Iterator[tuple[Window, dict[str, Any]]]:
         """Closes what is open, and goes on at the time of the frames held, whose clock has been set."""
         frames = self._contradictions.clear()
         before = max(self._closed_until, *(x.last[2] for x in self._lanes.values() if x.last), 0)

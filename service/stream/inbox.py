@@ -186,8 +186,8 @@ class Inbox:
                 self._leave_out(channel, payload, MANY_STREAMS if admitted else UNKNOWN)
                 return False
             if (before := self._growing.pop(channel.asset, None)) is not None:
-                self._add(channel.asset, queue, Shed(channel.asset, before.missing))
-            self._add(channel.asset, queue, Arrival(channel, payload, self._clock(), source))
+                self._add(queue, Shed(channel.asset, before.missing))
+            self._add(queue, Arrival(channel, payload, self._clock(), source))
             while (victim := self._without_room(channel.asset)) is not None:
                 self._shed(victim)
             return True
@@ -209,7 +209,7 @@ class Inbox:
             queue = None if self._closed else self._queue(stream)
             if queue is None or queue.markers >= MOST_MARKERS:
                 return False
-            self._add(stream, queue, Marker(stream, reached))
+            self._add(queue, Marker(stream, reached))
             return True
 
     def announce(self, topic: str, *, there: bool) -> None:
@@ -328,7 +328,7 @@ class Inbox:
             self._turns.append(stream)
         return self._queues[stream]
 
-    def _add(self, stream: str, queue: _Queue, item: Item) -> None:
+    def _add(self, queue: _Queue, item: Item) -> None:
         queue.add(item)
         self._frames += isinstance(item, Arrival)
         self._bytes += item.size

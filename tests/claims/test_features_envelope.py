@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from twin.errors import NotAvailable, ParameterError
-from twin.features.envelope import Carrier, NearBins, kurtogram, modulations, strange_modulations, without_shaft_lines
+from twin.features.envelope import Carrier, NearBins, kurtogram, modulations, without_shaft_lines
 from twin.features.extract import pinion_angle
 from twin.features.resample import AngleSignal, on_angle
 from twin.rig import Rig
@@ -20,6 +20,13 @@ PER_TURN, TURNS = 1280, 25.3
 
 def on_grid(x, start=100.37):
     return AngleSignal(start=2 * np.pi * start, step=2 * np.pi / PER_TURN, values=x, usable=np.ones(x.size, dtype=bool))
+
+
+def strange_modulations(signal, teeth, false_alarm=1e-3):
+    """The most impulsive band of what no shaft line explains, and its modulations, in orders of pinion rotation."""
+    rest, per_turn = without_shaft_lines(signal, teeth).values, 2 * np.pi / signal.step
+    best, shafts = kurtogram(rest, per_turn)[0], (("pinion", 1.0), ("gear", teeth[0] / teeth[1]))
+    return best, modulations(Carrier(rest, per_turn), (best.low, best.high), shafts, false_alarm)
 
 
 def mesh(rng, n):

@@ -16,7 +16,6 @@ from twin.levels.left_out import (
     leave_out,
     monotone_cubic,
     of_curve,
-    of_twin,
     spline,
     straight_line,
 )
@@ -29,6 +28,11 @@ from twin.wear.curve import MasterCurve
 SLOW = Condition(speed_hz=1.0, torque=10.0)
 TEN = Condition(speed_hz=10.0, torque=10.0)
 BAND = RIG.band
+
+
+def of_twin(cases, curves, *, assembly=False):
+    """Errors of the twin's relation."""
+    return leave_out(cases, lambda others: fit(others, curves), assembly=assembly)
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from tests.mesh_pairs import EQUAL, UNSW, UNSW_TIGHT
-from twin.mesh.back_flank import back_flank_period, back_flank_phase, back_flank_position
+from twin.mesh.back_flank import back_flank_position
 
 
 def test_without_backlash_the_back_flanks_are_half_a_mesh_period_out_of_step():
-    assert back_flank_phase(UNSW_TIGHT) == pytest.approx(0.5, abs=1e-12)
     s = np.linspace(-3e-3, 3e-3, 7)
     assert back_flank_position(UNSW_TIGHT, s) == pytest.approx(UNSW_TIGHT.base_pitch / 2 - s, rel=1e-12)
 
@@ -39,11 +38,3 @@ def test_back_flank_touches_where_the_drawn_tooth_cuts_the_mirrored_line_of_acti
     foot = r_b * np.array([cos(α), np.sin(α)])  # mirrored line of action touches the base circle here
     along = np.array([np.sin(α), -cos(α)])
     assert back - foot == pytest.approx(ρ_back * along, abs=1e-12)
-
-
-def test_back_contact_moves_against_the_drive_contact_and_repeats_every_base_pitch():
-    s = np.linspace(UNSW.path_start, UNSW.path_end, 50)
-    s_b = back_flank_period(UNSW, s)
-    assert np.all((s_b >= UNSW.path_start) & (s_b < UNSW.path_start + UNSW.base_pitch))
-    assert back_flank_period(UNSW, s + UNSW.base_pitch) == pytest.approx(s_b, abs=1e-15)
-    assert np.median(np.diff(s_b) / np.diff(s)) == pytest.approx(-1.0)

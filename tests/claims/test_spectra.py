@@ -12,10 +12,11 @@ from twin.features.angle import angle_track
 from twin.features.envelope import envelope_spectrum
 from twin.features.orders import synchronous_average
 from twin.features.resample import on_angle
-from twin.features.spectra import SCALLOPING, amplitude_spectrum, order_spectrum
+from twin.features.spectra import amplitude_spectrum, order_spectrum
 from twin.windows import Edges, Samples
 
 RATE, N = 5120.0, 20_480
+SCALLOPING = 8 / (3 * pi)  # least reading of a line of amplitude 1 by a Hann window: at the border of two bins
 
 
 def time():

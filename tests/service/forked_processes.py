@@ -177,6 +177,7 @@ def _run(asked: dict) -> None:
     if "module" in asked:
         sys.path[0] = asked["folder"]
         sys.argv = [asked["module"], *asked["arguments"]]
+        sys.modules.pop(f"{asked['module']}.__main__", None)  # loaded ahead: runpy would warn of it
         runpy.run_module(asked["module"], run_name="__main__", alter_sys=True)
     else:
         sys.argv = [asked["program"]]

@@ -25,6 +25,7 @@ from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, DATABASE, SIGNALS, WAITING, only_service_of
 from service.results.sql_store import SqlStore
+from service.results.window_file import read_window
 from twin.windows import Edges, Window
 
 ROOT = Path(__file__).parents[2]
@@ -64,7 +65,7 @@ def answers(data, where):
             found[asset, "windows"] = store.windows(asset)
             found[asset, "events"] = store.events(asset, 0, 10_000)
             found[asset, "rest"] = store.decisions(asset), store.inspections(asset), life.changes(asset)
-            found[asset, "waiting"] = [life.read_waiting(w.id).start_time_ns for w in life.waiting(asset)]
+            found[asset, "waiting"] = [read_window(life.file_of(w.id)).start_time_ns for w in life.waiting(asset)]
             own = BaselineStore(store.database, data / BASELINES).path(asset)
             found[asset, "baseline"] = own and own.read_bytes()
         found["alarms"] = AlarmStore(store.database).due(2)
@@ -139,7 +140,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
             assert indices == list(range(len(indices))) and store.asset("unsw").windows == len(indices)
             told = [e.data["index"] for e in store.events("unsw", 0, 10_000) if e.kind == "window"]
             assert told == indices
-            assert [life.read_waiting(w.id).start_time_ns for w in life.waiting("unsw")] in ([], [len(indices)])
+            assert [read_window(life.file_of(w.id)).start_time_ns for w in life.waiting("unsw")] in ([], [len(indices)])
 
 
 def test_backup_is_restored_into_nothing_but_an_empty_place(data, tmp_path, postgresql):

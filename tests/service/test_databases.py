@@ -18,6 +18,7 @@ from service.results.backends import Postgresql
 from service.results.commit_marks import Mark
 from service.results.schema import COMMITS
 from service.results.sql_store import SqlStore
+from service.results.window_file import read_window
 from twin.windows import Edges, Window
 
 
@@ -61,7 +62,7 @@ def test_asset_with_all_that_belongs_to_it_gets_another_name(each_store, tmp_pat
     assert life.routes() == {"stream": "new", "old": "new"}
     life.give_waiting("new", "other")
     (waiting,) = life.waiting("other")
-    assert life.read_waiting(waiting.id).start_time_ns == waiting.start_ns
+    assert read_window(life.file_of(waiting.id)).start_time_ns == waiting.start_ns
     life.drop_waiting(waiting.id)
     assert life.waiting("other") == ()
 

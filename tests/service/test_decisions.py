@@ -297,5 +297,5 @@ def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_leve
     lane = pipeline.lanes.of("unsw")
     ask = Ask("decide", Decision(name="misalignment", verb="reject"))
     made = carry_out(Call(asset="unsw", twin=twin, rig=lane.rig, state=lane.state, ask=ask))
-    found = lane.decided(made, pipeline.freshness("unsw").last_window_ns).report["status"]["since"]
+    found = lane.decided(made, pipeline.ended_ns("unsw")).report["status"]["since"]
     assert found == since if kept else found == {"time": "1970-01-01T00:01:00.000000000Z", "revolutions": None}

@@ -9,9 +9,10 @@ import pytest
 from service_streams import write_recording
 from streams import ACCEL, ASSET, CHANNELS, bursts
 
+from service.files.recorded_rig import rig_of
 from service.fleet.segments import Segments
 from service.fleet.stored_recordings import stored_recordings
-from service.runtime.assess import assess, assess_source, rig_of
+from service.runtime.assess import assess, assess_source
 from service.signals.recorded import recorded_subject
 from service.stream.assembly import DEFAULT
 from service.stream.sources.mcap import Recording

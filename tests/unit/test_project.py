@@ -123,6 +123,33 @@ def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_w
             assert "recordings" not in packages(file), file
 
 
+def test_rooms_below_the_loops_know_neither_loops_nor_rest_nor_commands():
+    """`service/files` imported the loop of `gear-twin assess`."""
+    above = {f"service.{room}" for room in ("runtime", "api", "cli", "fleet", "report", "bridges")}
+    for room in ("files", "stream", "contract", "results"):
+        for file in sources(f"service/{room}"):
+            assert not {".".join(name.split(".")[:2]) for name in imports(file)} & above, file
+
+
+def test_files_of_the_page_are_loaded_in_no_circle():
+    """A part of a view asked the table of views for a path, and the table loads the views."""
+    page = ROOT / "service" / "page"
+    loads = {
+        file: {
+            (file.parent / found).resolve()
+            for found in re.findall(r"""(?:from|import)\s*\(?\s*"(\.[^"]+)\"""", file.read_text("utf-8"))
+        }
+        for file in page.rglob("*.js")
+        if "vendor" not in file.parts
+    }
+    assert sum(map(len, loads.values())) > 100
+    while loads:
+        ends = [file for file, needed in loads.items() if not needed & loads.keys()]
+        assert ends, sorted(str(file.relative_to(page)) for file in loads)
+        for file in ends:
+            del loads[file]
+
+
 @pytest.mark.slow
 def test_files_that_need_an_extra_are_imported_by_none_as_a_whole():
     names = {path.removesuffix(".py").replace("/", ".") for path in LOADED_WHERE_SET}

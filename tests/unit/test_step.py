@@ -11,7 +11,7 @@ import pytest
 from service.cli.answer import WINDOW_COLUMNS, window_rows
 from service.contract.answer import Asset, assemble
 from service.contract.estimate import step
-from service.runtime.assess import rig_of
+from service.files.recorded_rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition

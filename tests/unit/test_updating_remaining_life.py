@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from tests.updating_cases import curve
+from twin.quantiles import Z95
 from twin.updating.remaining_life import remaining_life
 from twin.updating.tracker import WearTrack
 
@@ -98,10 +101,9 @@ def test_a_life_is_stated_once_the_wear_rate_is_above_its_uncertainty():
 
 def test_quantiles_and_probabilities_are_of_one_distribution():
     found = life(track())
-    for p in (0.01, 0.2, 0.5, 0.8, 0.99):
-        assert 1 - found.beyond(found.quantile(p)) == pytest.approx(p)
-    assert found.quantile(0.5) == pytest.approx(found.median)
-    assert found.quantile(0.05) == pytest.approx(found.p05, rel=1e-4)
+    probabilities = np.array([0.01, 0.2, 0.5, 0.8, 0.99])
+    assert [1 - found.beyond(n) for n in found.at(ndtri(probabilities))] == pytest.approx(probabilities)
+    assert found.at(np.array([0.0, -Z95])) == pytest.approx([found.median, found.p05])
     assert found.beyond(0.0) == 1.0 and found.beyond(1e9) == pytest.approx(0.0, abs=1e-6)
 
 
@@ -115,4 +117,4 @@ def test_life_without_an_upper_bound_states_a_probability_up_to_its_lower_bound_
     idle = replace(track(share=0.01), var_rate=(10 * RATE) ** 2)
     found = life(idle)
     assert found.beyond(0.5 * found.p05) == 0.95 and found.beyond(2 * found.p05) is None
-    assert found.quantile(0.05) == pytest.approx(found.p05, rel=1e-3) and found.quantile(0.1) == float("inf")
+    assert found.at(ndtri([0.05, 0.1])) == pytest.approx([found.p05, float("inf")], rel=1e-3)

@@ -20,7 +20,7 @@ Holds    stretches of at least `least_turns` and four common periods of the shaf
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -29,6 +29,7 @@ import numpy as np
 from twin.baseline.reading import HIGHEST, TURNS_PER_PERIOD, USABLE, common_period, lines_of, part_of
 from twin.baseline.spacing import Spacing
 from twin.baseline.spacing_search import SpacingSearchThresholds
+from twin.closed_forms import chirp_transform
 from twin.errors import WindowError
 from twin.features.angle import AngleTrack
 from twin.features.resample import AngleSignal, on_angle, spline_response
@@ -147,13 +148,11 @@ def _orders(spacing: Spacing, z1: int, Q: int, per_turn: float, turns: float) ->
 
 def _at(stretches: Sequence[AngleSignal], grid: np.ndarray, spacing: float, per_turn: float) -> np.ndarray:
     """Complex lines of every stretch at orders that go by the spacing along every row; (stretches, *grid)."""
-    from scipy.signal import CZT  # takes as long to import as all else together
-
     step, out = stretches[0].step, []
-    plans: dict[int, CZT] = {}
+    plans: dict[int, Callable[[np.ndarray], np.ndarray]] = {}
     for stretch in stretches:
         n = stretch.values.size
-        plan = plans.get(n) or plans.setdefault(n, CZT(n, grid.shape[1], np.exp(-1j * step * spacing)))
+        plan = plans.get(n) or plans.setdefault(n, chirp_transform(n, grid.shape[1], step * spacing))
         weight = hann(n)
         values = 2 * (stretch.values - stretch.values.mean()) * weight / weight.sum()
         turning = np.exp(-1j * step * grid[:, :1] * np.arange(n))

@@ -13,7 +13,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from twin.baseline.alignment import align
 from twin.baseline.findings import DEFAULT as FINDINGS
@@ -173,7 +173,7 @@ def is_repeated(pattern: Mapping[int, float], limits: RepeatThresholds = DEFAULT
     found = np.array(list(pattern.values()))
     if found.size < limits.least_recordings:
         return bool(np.all(found > FINDINGS.same_teeth))
-    t = student.isf(share_of(1, limits), found.size - 1)
+    t = -stdtrit(found.size - 1, share_of(1, limits))
     return bool(found.mean() - t * found.std(ddof=1) * np.sqrt(1 + 1 / found.size) > FINDINGS.same_teeth)
 
 

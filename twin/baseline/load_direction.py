@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from twin.baseline.findings import BaselineComparison, ShaftChange
 from twin.baseline.learned import Baseline
@@ -107,5 +107,5 @@ def _fall(learned: np.ndarray, points: np.ndarray, limits: LoadDirectionThreshol
     b, c = np.polyfit(u, y, 1)
     scatter = np.sum((y - b * u - c) ** 2) / (len(u) - 2)
     std = float(np.sqrt(scatter / np.sum((u - u.mean()) ** 2)))
-    chance = float(student.cdf(b / max(std, 1e-12), len(u) - 2))
+    chance = float(stdtr(len(u) - 2, b / max(std, 1e-12)))
     return float(np.exp(b)) if chance < limits.probability else None

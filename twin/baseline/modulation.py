@@ -15,7 +15,7 @@ from functools import lru_cache, partial
 from math import sqrt
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from twin.assessment import Modulation
 from twin.baseline.learned import Baseline
@@ -76,7 +76,7 @@ def least_new(known: np.ndarray, sensors: int, limits: NewModulationThresholds =
         return least
     variance = known.var(axis=0, ddof=1)
     spread = np.sqrt(0.5 * (variance + variance.mean()) * (1 + 1 / count))
-    t = float(student.isf(share_of(sensors * measures), 2 * (count - 1)))
+    t = float(-stdtrit(2 * (count - 1), share_of(sensors * measures)))
     return np.asarray(np.maximum(least, known.mean(axis=0) + t * spread))
 
 

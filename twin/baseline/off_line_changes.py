@@ -32,8 +32,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import f as fisher
-from scipy.stats import t as student
+from scipy.special import fdtri, stdtrit
 
 from twin.baseline.learned import Baseline
 from twin.baseline.operating import varies
@@ -138,7 +137,7 @@ def student_evidence(squared: float, freedom: int, tried: int) -> float:
 @lru_cache(maxsize=64)
 def student_limit(freedom: int, tried: int) -> float:
     """t of Student's distribution that one of so many measures may exceed to either side."""
-    return float(student.isf(share_of(2 * tried), freedom))
+    return float(-stdtrit(freedom, share_of(2 * tried)))
 
 
 def off_line_changes(
@@ -196,7 +195,7 @@ def off_line_changes(
 @lru_cache(maxsize=64)
 def joint_limit(measures: int, freedom: int, channels: int) -> float:
     """Root of the squares that so many deviations of one of so many channels may have together (Scheffé)."""
-    return float(np.sqrt(measures * fisher.isf(share_of(channels), measures, freedom)))
+    return float(np.sqrt(measures / fdtri(freedom, measures, share_of(channels))))
 
 
 def added_noise(

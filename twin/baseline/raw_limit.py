@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from twin.assessment import RawLimit, RawMeasure
 from twin.baseline.learned import Baseline
@@ -99,7 +99,7 @@ def _learned(baseline: Baseline, false_alarms: float) -> list[_Learned]:
     channels = set.intersection(*(set(r.raw) for r in baseline.readings))
     if count < DEFAULT.least_recordings or not channels:
         return []
-    t = float(student.isf(false_alarms / (2 * len(NAMES) * len(channels)), count - 1))
+    t = float(-stdtrit(count - 1, false_alarms / (2 * len(NAMES) * len(channels))))
     out = []
     for channel in sorted(channels):
         for i, name in enumerate(NAMES):

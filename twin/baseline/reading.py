@@ -22,6 +22,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from twin.baseline.off_lines import OffLines, off_lines
+from twin.closed_forms import chirp_transform
 from twin.errors import NotAvailable, TwinError, WindowError
 from twin.features.angle import AngleTrack
 from twin.features.extract import pinion_angle
@@ -208,9 +209,7 @@ def part_of(signal: AngleSignal, part: tuple[float, float]) -> AngleSignal:
 @lru_cache(maxsize=4)  # the channels of a window, and of its halves, mostly share one
 def _transform(size: int, count: int, step: float) -> Callable[[np.ndarray], np.ndarray]:
     """Chirp-z transform of so many values to lines a step apart from the first step on [cycles a sample]."""
-    from scipy.signal import CZT  # takes as long to import as all else together
-
-    return CZT(size, count, np.exp(-2j * np.pi * step), np.exp(2j * np.pi * step))
+    return chirp_transform(size, count, 2 * np.pi * step, first=1)
 
 
 def lines_of(signal: AngleSignal, per_turn: float, Q: int, highest: float = HIGHEST) -> ChannelLines:

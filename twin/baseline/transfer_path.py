@@ -19,7 +19,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import f as fisher
+from scipy.special import fdtri
 
 from twin.baseline.repeats import share_of
 from twin.effects.sensor_resonance import SensorResonance
@@ -134,7 +134,7 @@ class Path:
 @lru_cache(maxsize=64)
 def over_usual(bands: int, recordings: int, paths: int) -> float:
     """By how much one of so many paths may change, over what healthy recordings do: √F of bands and recordings."""
-    return float(np.sqrt(fisher.isf(share_of(paths), bands, bands * max(recordings - 1, 1))))
+    return float(np.sqrt(1 / fdtri(bands * max(recordings - 1, 1), bands, share_of(paths))))
 
 
 def band_gains(

@@ -42,11 +42,6 @@ class Context:
         return self.input.features
 
     @property
-    def moving_pair(self) -> EncoderPair | None:
-        """The encoder pair where its motion could be determined."""
-        return self.pair if isinstance(self.pair, EncoderPair) else None
-
-    @property
     def mesh_frequency(self) -> float | None:
         """Frequency of tooth engagement [Hz]; None without a speed or tooth count."""
         teeth, speed = self.rig.get("gears.pinion.teeth"), self.features.speed_hz

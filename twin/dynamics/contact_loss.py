@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from math import exp, inf, log
 
 import numpy as np
-from scipy.signal import resample
 
+from twin.closed_forms import resampled
 from twin.compiled import to_lines, to_samples
 from twin.dynamics.harmonic_balance import TOLERANCE, Balance, Contacts, Load, SteadyState, solve
 from twin.dynamics.integrator import integrate, longest_step, steady_start
@@ -98,7 +98,7 @@ def _settled(
     for _ in range(ROUNDS):
         motion = integrate(structure, contacts, load, length, seen, samples_per_step=per_step, start=state)
         state = motion.modal
-        start = resample(motion.deflection[-steps - 1 : -1], contacts.samples)
+        start = resampled(motion.deflection[-steps - 1 : -1], contacts.samples)
         found = solve(structure, contacts, mean_force, start=start, tolerance=tolerance)
         if found.converged and largest_multiplier(structure, contacts, found) <= STABLE:
             return found

@@ -24,10 +24,8 @@ from math import lcm, pi
 
 import numpy as np
 
-from twin.dynamics.harmonic_balance import Contacts, SteadyState
+from twin.dynamics.harmonic_balance import Contacts
 from twin.dynamics.mesh import ROWS, PairMesh
-from twin.dynamics.structure import Structure
-from twin.errors import ParameterError
 from twin.mesh.back_flank import back_flank_position
 from twin.wear.profile import WornProfile
 
@@ -129,21 +127,3 @@ class HuntingPeriod:
             damping_time=damping_time,
             period=one.period * self.mesh_periods,
         )
-
-    def lines_at_orders(
-        self, steady: SteadyState, structure: Structure, response: np.ndarray, orders: np.ndarray
-    ) -> np.ndarray:
-        """Complex amplitudes of a response direction (21,) at orders of the pinion's rotation; (m,) → (m,).
-
-        Orders are multiples of 1/pinion_turns, up to half of the samples a turn.
-        """
-        place = np.asarray(orders, dtype=float) * self.pinion_turns
-        k = np.rint(place).astype(int)
-        highest = (steady.omega.size - 1) / self.pinion_turns
-        wrong = (np.abs(place - k) > 1e-6) | (k < 1) | (k > steady.omega.size - 1)
-        if wrong.any():
-            raise ParameterError(
-                f"order {np.asarray(orders)[wrong][0]:g} of the pinion's rotation is no line of the record: "
-                f"multiples of 1/{self.pinion_turns} up to {highest:g}"
-            )
-        return steady.lines(structure, response)[k - 1]

@@ -197,20 +197,6 @@ class Response(_Channels):
         return float(self.steady.deflection.mean()) + float(self.structure.error_beyond_mesh @ balanced)
 
     @property
-    def action_power(self) -> np.ndarray:
-        """Power that the actions of the contacts take from the mean rotation (n,) [W].
-
-        Those of an error that only varies in time give back what they take, over a period.
-        """
-        ω1, ω2 = self.setup.omega
-        turning = direction({f"th{n}": ω1 for n in (1, 2, 3, 5, 7)} | {f"th{n}": ω2 for n in (8, 10, 12, 13)})
-        power = np.zeros(self.steady.deflection.size)
-        for action in self.contacts.actions:
-            sides = self.contacts.side[:, None] * self.steady.contact_forces
-            power += float(action.direction @ turning) * (action.weight * sides).sum(axis=0)
-        return power
-
-    @property
     def face_moment(self) -> np.ndarray:
         """Moment of the drive flanks' forces about the middle of the face (n,) [N·m].
 

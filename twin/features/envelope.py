@@ -321,16 +321,3 @@ def modulations(
             )
         )
     return tuple(sorted(out, key=lambda m: (m.shaft is not None, -m.over_floor)))
-
-
-def strange_modulations(
-    signal: AngleSignal, teeth: tuple[int, int], false_alarm: float = FALSE_ALARM
-) -> tuple[BandKurtosis, tuple[Modulation, ...]]:
-    """The most impulsive band of what no shaft line explains, and its modulations, in orders of pinion rotation."""
-    if not signal.usable.all():
-        raise NotAvailable("envelope analysis is not available: the record has gaps")
-    rest = without_shaft_lines(signal, teeth).values
-    per_turn = 2 * pi / signal.step
-    best = kurtogram(rest, per_turn)[0]
-    shafts = (("pinion", 1.0), ("gear", teeth[0] / teeth[1]))
-    return best, modulations(Carrier(rest, per_turn), (best.low, best.high), shafts, false_alarm)

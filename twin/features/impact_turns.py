@@ -20,8 +20,8 @@ from math import pi
 
 import numpy as np
 from scipy.special import ndtr
-from scipy.stats import rankdata
 
+from twin.closed_forms import ranks
 from twin.features.transforms import hann
 
 FEWEST_TURNS = 5
@@ -46,7 +46,7 @@ def leading_tooth(
     cell = np.minimum(((θ[inside] - first) * teeth).astype(int), turns * teeth - 1)
     count = np.maximum(np.bincount(cell, minlength=turns * teeth), 1)
     level = np.bincount(cell, weights=envelope[inside], minlength=turns * teeth) / count
-    rank = (rankdata(level) - 0.5) / level.size
+    rank = (ranks(level) - 0.5) / level.size
     by_tooth = rank.reshape(turns, teeth).mean(axis=0)
     z = (by_tooth.max() - 0.5) * np.sqrt(12 * turns)
     return float(-np.expm1(teeth * np.log1p(-min(float(ndtr(-z)), 0.5)))), int(np.argmax(by_tooth))

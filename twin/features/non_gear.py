@@ -44,7 +44,7 @@ from twin.features.transforms import power_of
 from twin.rig import Rig
 from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
-from twin.windows import Samples, Window
+from twin.windows import Window
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
 RINGING_WIDTH = 60.0  # of the bands among which the frequency that impacts ring at is sought [Hz]
@@ -195,7 +195,7 @@ def non_gear_features(
         wandering = [] if changing else _unless_steady(wandering_tones(seen, floor), tones, track.speed)
         tones = [t for t in tones if not _within(wandering, t.frequency / track.speed)]
         lines = [] if changing else [line for line in lines_of(seen, floor) if not _within(wandering, line[0])]
-        readings = () if changing else _readings(signals, samples, signal, tones, lines, limits)
+        readings = () if changing else _readings(signals, signal, tones, lines, limits)
         readings = (*(w.reading(track.speed) for w in wandering), *readings)
     except TwinError:
         return None
@@ -239,7 +239,6 @@ def _within(wandering: Sequence[WanderingTone], order: float) -> bool:
 
 def _readings(
     signals: WindowSignals,
-    samples: Samples,
     signal: AngleSignal,
     tones: Sequence[Tone],
     lines: Sequence[tuple[float, float]],

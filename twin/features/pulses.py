@@ -126,7 +126,7 @@ def pulses_of(values: np.ndarray, rate: float, settings: PulseSettings, limits: 
             f"{found.size} pulses pass {threshold:.4g} with a hysteresis of {hysteresis:.3g}; at least {FEWEST_EDGES} "
             f"are needed"
         )
-    kept, doubled = _without_doubled(found, limits, settings.missing_teeth)
+    kept, doubled = _without_doubled(found, limits)
     times, gap, missed, filled = _with_missed(kept, limits, settings)
     faults = missed + doubled
     if faults > limits.most_faults * times.size:
@@ -209,7 +209,7 @@ def _usual(interval: np.ndarray) -> np.ndarray:
     return median_filter(interval, min(NEIGHBOURS, interval.size), mode="mirror")
 
 
-def _without_doubled(times: np.ndarray, limits: PulseThresholds, missing_teeth: int) -> tuple[np.ndarray, int]:
+def _without_doubled(times: np.ndarray, limits: PulseThresholds) -> tuple[np.ndarray, int]:
     """The edges without those that come too early, and how many these were; edges at lost samples are left out."""
     t, doubled = times[np.isfinite(times)], 0
     while t.size > FEWEST_EDGES:

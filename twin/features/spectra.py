@@ -29,7 +29,6 @@ from twin.features.transforms import hann
 
 LEAST_VALUES = 16
 NOISE_BANDWIDTH = 1.5  # of the Hann window [bins]
-SCALLOPING = 8 / (3 * pi)  # least reading of a line of amplitude 1: at the border of two bins
 FAITHFUL = 0.4  # cycles per sample up to which an interpolated signal is shown; beyond, folded lines come through
 
 

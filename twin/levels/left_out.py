@@ -23,9 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
-from twin.levels.curve import LevelCurve
 from twin.levels.monotone import by_depth, monotone
-from twin.levels.relation import LEAST_VARIANCE, Cases, Form, Relation, fit
+from twin.levels.relation import LEAST_VARIANCE, Cases, Relation
 
 Predict = Callable[[np.ndarray, np.ndarray, float], float]  # depths, levels of the others, depth → level
 SPLINE_DEPTHS = 5  # that a smoothing spline needs
@@ -109,13 +108,6 @@ def leave_out(cases: Cases, choose: Callable[[Cases], Relation], *, assembly: bo
     """Every worn case left out in turn; choose from the other cases to the relation, assembly as in `score`."""
     expected = [by_relation(choose(others), depth) for depth, others in each_without(cases)]
     return score(cases.only(cases.worn), expected, assembly)
-
-
-def of_twin(
-    cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None, *, assembly: bool = False
-) -> Errors:
-    """Errors of the twin's relation."""
-    return leave_out(cases, lambda others: fit(others, curves, form), assembly=assembly)
 
 
 def of_curve(cases: Cases, predict: Predict) -> tuple[Errors, Errors]:

@@ -27,8 +27,9 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2, rankdata
+from scipy.special import chdtri
 
+from twin.closed_forms import ranks
 from twin.errors import ParameterError
 from twin.levels.curve import LevelCurve
 from twin.model import Condition
@@ -256,7 +257,7 @@ class Relation:
         off = np.log([levels[k] for k in labels]) - self.unworn.log_level[at]
         S = self.covariance(labels) + self.unworn.covariance[np.ix_(at, at)]
         distance = off @ np.linalg.solve(S * (1 + 1 / self.unworn.assemblies), off)
-        return bool(distance < chi2.isf(LIMITS.unworn, len(labels)))
+        return bool(distance < chdtri(len(labels), LIMITS.unworn))
 
     def condition_of(self, speed_hz: float, torque: float | None) -> str | None:
         """The condition of a window by its speed [Hz] and torque [N·m], None where it is another."""
@@ -469,7 +470,7 @@ def _not_rising(depth: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.nd
     """Cases of the longest run at the end with ρ ≤ 0, and ρ; depth (n,) sorted, level (draws, n) → (draws,) each."""
     length, spearman = np.zeros(len(level), dtype=int), np.zeros(len(level))
     for count in range(LIMITS.least_falling, depth.size + 1):
-        a, b = rankdata(depth[-count:]), rankdata(level[:, -count:], axis=1)
+        a, b = ranks(depth[-count:]), ranks(level[:, -count:])
         a, b = a - a.mean(), b - b.mean(axis=1, keepdims=True)
         ρ = b @ a / np.sqrt(np.maximum(a @ a * (b**2).sum(axis=1), 1.0))  # ranks: 0 only where none differ
         length, spearman = np.where(ρ <= 0, count, length), np.where(ρ <= 0, ρ, spearman)

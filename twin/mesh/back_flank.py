@@ -3,7 +3,7 @@
 Mirrored in the line of centres, a pinion turning forward becomes one turning back, its back flank a
 drive flank. So the back flanks obey the same geometry with a path position s_b of their own:
 
-    s_b = t·cos α − s  (modulo the base pitch)         ρ1 = r_b1·tan α + s_b
+    s_b = t·cos α − s         ρ1 = r_b1·tan α + s_b
     d_b = −(r_b1·θ1 − r_b2·θ2) + (y1 − y2)·cos α + (x1 − x2)·sin α − j
 
 s    path position of the drive-flank contact, from the pinion's angle, r_b1·θ1       [m]
@@ -32,13 +32,3 @@ from twin.geometry.gear_pair import GearPair
 def back_flank_position(pair: GearPair, s):
     """s_b [m] of the back flank of the pinion tooth whose drive flank is at s [m]; (n,) → (n,)."""
     return pair.tooth_thickness * cos(pair.pressure_angle) - np.asarray(s, float)
-
-
-def back_flank_phase(pair: GearPair) -> float:
-    """(s_b + s)/p_b modulo 1, the back flanks' place in the mirrored mesh period; 0.5 without backlash."""
-    return pair.tooth_thickness * cos(pair.pressure_angle) / pair.base_pitch % 1.0
-
-
-def back_flank_period(pair: GearPair, s):
-    """s_b [m] within one base pitch from the path's start, when a drive flank is at s [m]; (n,) → (n,)."""
-    return pair.path_start + (back_flank_position(pair, s) - pair.path_start) % pair.base_pitch

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from twin.assessment import HeldOutResidual
 from twin.effects import EFFECTS
@@ -146,7 +146,7 @@ def _sizes(item: AttributedEffect) -> list[tuple[str, float]]:
         if parameter.shape or parameter.many or not std > 0 or not np.isfinite(parameter.neutral):
             continue
         square = ((value - parameter.neutral) / std) ** 2
-        out.append((parameter.name, float(chi2.sf(square, 2 if parameter.phase else 1))))
+        out.append((parameter.name, float(chdtrc(2 if parameter.phase else 1, square))))
     return out
 
 

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import multivariate_normal
 
+from twin.closed_forms import log_density
 from twin.effects.size_law import CONSTANT, SizeLaw
 from twin.thresholds import deciding
 from twin.tracing.size_laws import UNIFORM, law_fits
@@ -199,7 +199,7 @@ def change_of_lines(
         return ChangeOfLines(shared=0.0, apart=0.0)
     noise, own = np.diag(variance), spread**2 * np.eye(n)
     none, shared, apart = (
-        float(multivariate_normal.logpdf(change, cov=noise + more)) for more in (0.0, spread**2 * np.ones((n, n)), own)
+        float(log_density(np.array(change), noise + more)) for more in (0.0, spread**2 * np.ones((n, n)), own)
     )
     return ChangeOfLines(shared=shared - none, apart=apart - none)
 

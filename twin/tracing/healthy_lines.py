@@ -26,7 +26,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from twin.rig import Rig
 from twin.scales import Scales
@@ -105,7 +105,7 @@ class LearnedFactors:
 
     def at(self, frequency: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors of path and mesh at frequencies [Hz] in a window; complex (n,) each."""
-        return PATH.predict(self.path, frequency, window)[0], MESH.predict(self.mesh, frequency, window)[0]
+        return PATH.predict(self.path, frequency, window), MESH.predict(self.mesh, frequency, window)
 
     def unknown(self, channel: str, frequency: np.ndarray) -> np.ndarray:
         """u = √(1 − r²), r the correlation with the nearest line that was learned, at frequencies [Hz] (n,)."""
@@ -231,4 +231,4 @@ def largest_healthy(variances: Sequence[np.ndarray], limits: HealthyLimits = LIM
     if not np.any(most > 0):
         return 0.0
     count = 2 * float(most.sum()) ** 2 / float(np.sum(most**2))
-    return sum(whole) * float(chi2.ppf(limits.quantile, count)) / count
+    return sum(whole) * float(2 * gammaincinv(count / 2, limits.quantile)) / count

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from twin.assessment import HealthyErrors, HeldOutBand, HeldOutErrors, HeldOutLine, HeldOutResidual
 from twin.effects.addition import Addition
@@ -232,7 +232,7 @@ def _healthy_level(windows: Sequence[HeldOutComparison]) -> float | None:
         c = w.acceleration
         if w.rms_predicted > 0:
             off.append(0.5 * np.sqrt(np.sum(np.abs(c.predicted) ** 2 * c.variance / 2)) / w.rms_predicted**2)
-    return None if not off else float(norm.isf(0.5 * (1 - LIMITS.quantile)) * np.sqrt(np.mean(np.square(off))))
+    return None if not off else float(-ndtri(0.5 * (1 - LIMITS.quantile)) * np.sqrt(np.mean(np.square(off))))
 
 
 def residual_by_band_and_order(before: HeldOutComparison, after: HeldOutComparison, teeth: int) -> HeldOutResidual:

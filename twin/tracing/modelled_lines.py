@@ -82,8 +82,8 @@ def modelled_lines(rig: Rig, state: State, features: WindowFeatures, depth: floa
     orders = response.orders
     f = orders * condition.speed_hz
     index = next((h.index for h in state.tracing.history if h.features.start_time_ns == features.start_time_ns), 0)
-    mesh = MESH.predict(memory.mesh, f, index)[0]
-    path = PATH.predict(memory.path, f, index)[0]
+    mesh = MESH.predict(memory.mesh, f, index)
+    path = PATH.predict(memory.path, f, index)
     turned = np.exp(1j * orders * (memory.phase or 0.0) / rig.teeth[0])
     return ModelledLines(
         orders=orders,

@@ -24,7 +24,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from twin.effects.unknown_effect import transfers
 from twin.features.window_features import MeasuredLines, WindowFeatures
@@ -209,7 +209,7 @@ def _level(
     """
     level = float(np.sqrt(max(np.mean(r**2) - np.mean(2 * σ**2), 0.0)))
     shown = np.count_nonzero(0.5 * (r / σ) ** 2 > limits.window_cost)
-    clear = shown >= limits.least_windows and chi2.sf(np.sum((r / σ) ** 2), 2 * r.size) < limits.chance
+    clear = shown >= limits.least_windows and chdtrc(2 * r.size, np.sum((r / σ) ** 2)) < limits.chance
     large = level >= max(least, limits.over_mesh * float(np.sqrt(np.mean(common**2))))
     return level if clear and large else None
 

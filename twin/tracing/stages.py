@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from twin.assessment import Life
+from twin.assessment import Unavailable
 from twin.effects.addition import Addition
 from twin.errors import NotAvailable, NotConverged
 from twin.rig import Rig
 from twin.tracing.schedule import MOST_HISTORY
 from twin.tracing.state import Tracing, TwinStage
 from twin.updating.history import UpdateOptions, WindowInput, replay_history, update_window
-from twin.updating.life import life_of
+from twin.updating.life import bound, life_after
 from twin.updating.memory import Memory
 from twin.updating.update import UpdateOutcome
 
@@ -34,12 +34,12 @@ def _after(rig: Rig, depths: Mapping[int, float], latest: UpdateOutcome, memory:
 
     memory  after the latest window of any kind
     """
-    life = life_of(rig, latest)
+    life = life_after(rig, latest)
     return TwinStage(
         memory=memory,
         depth=latest.depth,
         depths=dict(list(depths.items())[-MOST_HISTORY:]),
-        life=life.revolutions.median if isinstance(life, Life) else None,
+        life=None if isinstance(life, Unavailable) else bound(life.median),
     )
 
 

@@ -23,8 +23,8 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 
+from twin.closed_forms import log_density
 from twin.dynamics.structure import Structure, direction
 from twin.effects import EFFECTS
 from twin.effects.response import Effect
@@ -313,7 +313,7 @@ class PathScatter:
     def likelihoods(self, rest: np.ndarray | None = None, added: np.ndarray | float = 0.0) -> np.ndarray:
         """ln likelihood for each scale (s,), of the quotients or of others (m, 2n) → (s, m), with more covariance."""
         rest = self.rest if rest is None else rest
-        return np.array([multivariate_normal.logpdf(rest, cov=C + added) for C in self.covariances])
+        return np.array([log_density(rest, C + added) for C in self.covariances])
 
     @property
     def plain(self) -> float:
@@ -323,7 +323,7 @@ class PathScatter:
     @property
     def by_other(self) -> float:
         """ln evidence of another structure."""
-        return float(multivariate_normal.logpdf(self.rest, cov=self.other))
+        return float(log_density(self.rest, self.other))
 
 
 def _ln_mean(logs: np.ndarray) -> np.ndarray:

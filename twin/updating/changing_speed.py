@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,16 +64,23 @@ def speeds_of(speed_hz: float, variation: float) -> tuple[np.ndarray, np.ndarray
     return speeds, turns / turns.sum()
 
 
-def transfer_over_speeds(
-    model: Model, channel: str, orders: np.ndarray, speed_hz: float, variation: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """T at the mean speed, ⟨T⟩ over the turns and ⟨|T|²⟩ over the time, of a channel at orders above 0; (n,) each.
+class Passage(NamedTuple):
+    """What a channel shows of a transmission error of amplitude 1 m whose speed changes, at orders (n,)."""
 
-    channel  acceleration, encoder or torque
-    """
+    at_mean: np.ndarray  # T at the mean speed, complex
+    mean: np.ndarray  # ⟨T⟩ over the turns, complex
+    power: np.ndarray  # ⟨|T|²⟩ over the time
+
+
+def passages(model: Model, orders: np.ndarray, speed_hz: float, variation: float) -> dict[str, Passage]:
+    """The passages of all channels (acceleration, encoder, torque) at orders above 0 (n,)."""
     speeds, share = speeds_of(speed_hz, variation)
-    passed = transfers(model, "mesh", np.outer(speeds, orders).ravel())[channel].reshape(speeds.size, orders.size)
-    return transfers(model, "mesh", orders * speed_hz)[channel], share @ passed, WEIGHTS @ np.abs(passed) ** 2
+    made = transfers(model, "mesh", np.outer([*speeds, speed_hz], orders).ravel())
+    tables = {channel: T.reshape(-1, orders.size) for channel, T in made.items()}
+    return {
+        channel: Passage(at_mean=T[-1], mean=share @ T[:-1], power=WEIGHTS @ np.abs(T[:-1]) ** 2)
+        for channel, T in tables.items()
+    }
 
 
 def with_changing_speed(rig: Rig, features: WindowFeatures, limits: ChangingSpeed = LIMITS) -> WindowFeatures:
@@ -88,14 +96,20 @@ def with_changing_speed(rig: Rig, features: WindowFeatures, limits: ChangingSpee
         model = nominal_model_of(rig)
     except NotAvailable:
         return features
+    orders = _orders_of(features)
     off = rig.tolerances.stiffness / 2  # of a natural frequency, for that of the stiffness
+    nominal, *others = (passages(model, orders, speed * factor, variation) for factor in (1.0, 1 - off, 1 + off))
 
     def at_mean(channel: str, lines: MeasuredLines | None) -> MeasuredLines | None:
-        return None if lines is None else _at_mean_speed(model, channel, lines, speed, variation, off)
+        if lines is None:
+            return None
+        return _at_mean_speed(
+            lines, orders, [made[channel].at_mean / made[channel].mean for made in (nominal, *others)]
+        )
 
     level = None
     if features.acceleration is not None and features.rms:
-        level = _level_uncertainty(model, rig.band, features, speed, variation)
+        level = _level_uncertainty(rig.band, features, speed, orders, nominal["acceleration"])
     return replace(
         features,
         level_uncertainty=level,
@@ -105,36 +119,47 @@ def with_changing_speed(rig: Rig, features: WindowFeatures, limits: ChangingSpee
     )
 
 
-def _at_mean_speed(
-    model: Model, channel: str, lines: MeasuredLines, speed: float, variation: float, off: float
-) -> MeasuredLines:
-    """Mesh lines and sidebands of a channel as at the mean speed; `off` of the natural frequencies, relative."""
+def _orders_of(features: WindowFeatures) -> np.ndarray:
+    """Orders of all mesh lines and sidebands, and of what makes the level (n,), rising."""
+    mesh = [
+        order
+        for lines in (features.transmission_error, features.torque, features.acceleration)
+        if lines is not None
+        for order, (k, _, _) in zip(lines.orders, lines.keys, strict=True)
+        if k > 0
+    ]
+    heard = () if features.acceleration is None else features.acceleration.orders
+    return np.unique([*mesh, *(order for order in heard if order > 0)])
+
+
+def _at_mean_speed(lines: MeasuredLines, orders: np.ndarray, ratios: list[np.ndarray]) -> MeasuredLines:
+    """Mesh lines and sidebands of a channel as at the mean speed.
+
+    ratios  r at orders that rise (n,), as the rig file has the natural frequencies, and with all lower and higher
+    """
     of_mesh = np.array([k > 0 for k, _, _ in lines.keys])
     if not of_mesh.any():
         return lines
-    orders = np.array(lines.orders, dtype=float)[of_mesh]
-    ratios = []
-    for factor in (1.0, 1 - off, 1 + off):
-        at_mean, mean, _ = transfer_over_speeds(model, channel, orders, speed * factor, variation)
-        ratios.append(at_mean / mean)
+    at = np.searchsorted(orders, np.array(lines.orders)[of_mesh])
+    r, low, high = (ratio[at] for ratio in ratios)
     y, std = np.array(lines.amplitudes, dtype=complex), np.array(lines.std, dtype=float)
-    moved = np.maximum(np.abs(ratios[1] - ratios[0]), np.abs(ratios[2] - ratios[0])) * np.abs(y[of_mesh])
-    std[of_mesh] = np.sqrt((np.abs(ratios[0]) * std[of_mesh]) ** 2 + moved**2 / 2)
-    y[of_mesh] *= ratios[0]
-    return replace(lines, amplitudes=tuple(complex(a) for a in y), std=tuple(float(s) for s in std))
+    moved = np.maximum(np.abs(low - r), np.abs(high - r)) * np.abs(y[of_mesh])
+    std[of_mesh] = np.sqrt((np.abs(r) * std[of_mesh]) ** 2 + moved**2 / 2)
+    y[of_mesh] *= r
+    return replace(lines, amplitudes=tuple(y.tolist()), std=tuple(std.tolist()))
 
 
 def _level_uncertainty(
-    model: Model, band: tuple[float, float], features: WindowFeatures, speed: float, variation: float
+    band: tuple[float, float], features: WindowFeatures, speed: float, orders: np.ndarray, passage: Passage
 ) -> float:
     """By how much the level at the mean speed is off that of the window, relative."""
     lines = features.acceleration
     assert lines is not None and features.rms is not None
-    orders, energy = np.array(lines.orders, dtype=float), np.abs(np.array(lines.amplitudes)) ** 2 / 2
-    inside = (orders * speed >= band[0]) & (orders * speed <= band[1]) & (orders > 0)
+    own, energy = np.array(lines.orders, dtype=float), np.abs(np.array(lines.amplitudes)) ** 2 / 2
+    inside = (own * speed >= band[0]) & (own * speed <= band[1]) & (own > 0)
     if not inside.any():
         return 0.0
-    at_mean, mean, power = transfer_over_speeds(model, "acceleration", orders[inside], speed, variation)
+    at_mean, mean, power = (values[np.searchsorted(orders, own[inside])] for values in passage)
     share = energy[inside] / np.abs(mean) ** 2
     noise = (features.noise_rms or 0.0) ** 2
     return float(abs(sqrt((share @ np.abs(at_mean) ** 2 + noise) / (share @ power + noise)) - 1))

@@ -39,19 +39,16 @@ class FrequencyCorrection:
         learned: Sequence[tuple[float, float, complex, float]],
         frequency: np.ndarray,
         window: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Factor and its standard deviation at frequencies [Hz] in a window; two of (n,).
+    ) -> np.ndarray:
+        """Factor at frequencies [Hz] in a window (n,).
 
         learned  (window, frequency [Hz], factor, std of its real and imaginary part) of every line measured
         """
         f = np.asarray(frequency, dtype=float)
         j = np.full(f.size, float(window))
         if not learned:
-            return np.ones(f.size, dtype=complex), np.full(f.size, self.spread)
+            return np.ones(f.size, dtype=complex)
         j_l, f_l, ρ, σ = (np.array(column) for column in zip(*learned, strict=True))
         K = self._covariance(f_l.real, j_l.real, f_l.real, j_l.real) + np.diag(σ.real**2)
         cross = self._covariance(f, j, f_l.real, j_l.real)
-        factor = cho_factor(K)
-        mean = 1 + cross @ cho_solve(factor, ρ - 1)
-        variance = self.spread**2 - np.einsum("ij,ji->i", cross, cho_solve(factor, cross.T))
-        return mean, np.sqrt(np.maximum(variance, 0))
+        return 1 + cross @ cho_solve(cho_factor(K), ρ - 1)

@@ -18,15 +18,17 @@ import numpy as np
 
 from twin.assessment import Interval, Life, Unavailable
 from twin.model import Condition
+from twin.quantiles import Z95
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating.outcome import UpdateOutcome, stated_std
-from twin.updating.remaining_life import RemainingLife, WorkCurve, remaining_life
+from twin.updating.remaining_life import NORMAL, RemainingLife, WorkCurve, remaining_life
 from twin.updating.rms_update import RmsTrack
 from twin.updating.tracker import WearTrack
-from twin.updating.wear_forecast import WearForecast, forecast_of
+from twin.updating.wear_forecast import forecast_of
 
 PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # of the quantiles stated
+SCORES = np.array([0.0, -Z95, Z95, *(NORMAL.inv_cdf(p) for p in PROBABILITIES)])  # of median and band, and of these
 NO_LIMIT = "remaining life is not available: the rig file gives no end_of_life.max_depth"
 NO_LEVEL_RATE = (
     "the wear rate by the vibration level alone is too uncertain, so only a lower bound of the remaining life is known"
@@ -61,68 +63,67 @@ class LifeDoubt:
 NO_DOUBT = LifeDoubt()
 
 
-def life_of(
-    rig: Rig, outcome: UpdateOutcome, doubt: LifeDoubt = NO_DOUBT, spread: LifeSpread = LIFE_SPREAD
-) -> Life | Unavailable:
+def life_of(rig: Rig, outcome: UpdateOutcome, doubt: LifeDoubt) -> Life | Unavailable:
     """The remaining life after a window, or why it is not available."""
-    if rig.get("end_of_life.max_depth") is None:
-        return Unavailable(reason=NO_LIMIT)
-    by_rms = outcome.method == "rms"
-    track = outcome.memory.track
-    if not (outcome.memory.rms_track.updates if by_rms else track.windows):
-        return Unavailable(reason="remaining life is not available: no worn window has been seen yet")
-    common, forecast = 0.0, None
-    if by_rms:
-        track = _by_level(track, outcome.memory.rms_track, spread.rms_spread * doubt.level_factor)
-    elif outcome.estimate is not None and outcome.estimate.depth > 0:
-        stated = stated_std(outcome.estimate, outcome.memory) / outcome.estimate.depth
-        forecast = forecast_of(outcome.memory.points, track.revolutions)
-        held = 0.0 if forecast is None else stated  # by the points that the forecast rests on
-        common = float(np.sqrt(max(min(max(stated, doubt.of_depth), 1.0) ** 2 - held**2, 0.0)))
-    life = life_of_track(
-        rig, track, outcome.curve, outcome.memory.segments[-1].start_work, outcome.condition, common, doubt.of_rate,
-        forecast,
-    )  # fmt: skip
-    if isinstance(life, Life) and life.reason is not None and by_rms:
-        life = replace(life, reason=NO_LEVEL_RATE)
-    return life
+    found = life_after(rig, outcome, doubt)
+    if isinstance(found, Unavailable):
+        return found
+    life = _stated(rig, found, outcome.condition)
+    return replace(life, reason=NO_LEVEL_RATE) if life.reason is not None and outcome.method == "rms" else life
 
 
-def life_of_track(
-    rig: Rig,
-    track: WearTrack,
-    curve: WorkCurve,
-    start_work: float,
-    condition: Condition,
-    common: float | None,
-    rate_doubt: float = 0.0,
-    forecast: WearForecast | None = None,
-) -> Life | Unavailable:
-    """The remaining life of a track on a curve, under a condition; the others as in `remaining_life`."""
+def life_after(
+    rig: Rig, outcome: UpdateOutcome, doubt: LifeDoubt = NO_DOUBT, spread: LifeSpread = LIFE_SPREAD
+) -> RemainingLife | Unavailable:
+    """The distribution of the revolutions left after a window."""
     limit = rig.get("end_of_life.max_depth")
     if limit is None:
         return Unavailable(reason=NO_LIMIT)
-    found = remaining_life(track, curve, start_work, limit, common, rate_doubt, forecast)
-    revolutions = interval_of(found)
+    memory, track = outcome.memory, outcome.memory.track
+    by_rms = outcome.method == "rms"
+    if not (memory.rms_track.updates if by_rms else track.windows):
+        return Unavailable(reason="remaining life is not available: no worn window has been seen yet")
+    common, forecast = 0.0, None
+    if by_rms:
+        track = _by_level(track, memory.rms_track, spread.rms_spread * doubt.level_factor)
+    elif outcome.estimate is not None and outcome.estimate.depth > 0:
+        stated = stated_std(outcome.estimate, memory) / outcome.estimate.depth
+        forecast = forecast_of(memory.points, track.revolutions)
+        held = 0.0 if forecast is None else stated  # by the points that the forecast rests on
+        common = float(np.sqrt(max(min(max(stated, doubt.of_depth), 1.0) ** 2 - held**2, 0.0)))
+    start = memory.segments[-1].start_work
+    return remaining_life(track, outcome.curve, start, limit, common, doubt.of_rate, forecast)
+
+
+def life_of_track(
+    rig: Rig, track: WearTrack, curve: WorkCurve, start_work: float, condition: Condition, rate_doubt: float
+) -> Life | Unavailable:
+    """The remaining life of a track that holds what all depths are off by together, on a curve, under a condition."""
+    limit = rig.get("end_of_life.max_depth")
+    if limit is None:
+        return Unavailable(reason=NO_LIMIT)
+    return _stated(rig, remaining_life(track, curve, start_work, limit, None, rate_doubt), condition)
+
+
+def _stated(rig: Rig, found: RemainingLife, condition: Condition) -> Life:
+    median, p05, p95, *quantiles = (bound(n) for n in found.at(SCORES))
+    assert p05 is not None
+    revolutions = Interval(median=median, p05=p05, p95=p95)
     return Life(
         criterion=rig.get("end_of_life.criterion", "max_depth"),
-        limit=limit,
+        limit=rig.get("end_of_life.max_depth"),
         reached=found.reached,
         revolutions=revolutions,
         time=revolutions.scaled(1 / condition.speed_hz),
         speed=condition.speed_hz,
         torque=condition.torque,
         reason=None if found.measurable else NO_RATE,
-        distribution=tuple((p, _bound(found.quantile(p))) for p in PROBABILITIES),
+        distribution=tuple(zip(PROBABILITIES, quantiles, strict=True)),
     )
 
 
-def interval_of(found: RemainingLife) -> Interval:
-    """Median and band [revolutions]."""
-    return Interval(median=_bound(found.median), p05=float(found.p05), p95=_bound(found.p95))
-
-
-def _bound(value: float) -> float | None:
+def bound(value: float) -> float | None:
+    """A value, or None where it is infinite."""
     return float(value) if np.isfinite(value) else None
 
 

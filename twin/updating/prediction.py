@@ -167,6 +167,5 @@ def predicted_lines(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Acceleration lines [m/s²] at a depth [m] with what was learned of path and mesh, and their frequencies [Hz]."""
     f = line_frequencies(teeth, expectation.condition.speed_hz)
-    ρ, _ = PATH.predict(memory.path, f, index)
-    t, _ = MESH.predict(memory.mesh, f, index)
-    return expectation.lines(depth).acceleration * ρ * t, f
+    path, mesh = PATH.predict(memory.path, f, index), MESH.predict(memory.mesh, f, index)
+    return expectation.lines(depth).acceleration * path * mesh, f

@@ -59,11 +59,10 @@ def rate_change(points: Points, limits: RateChangeLimits = LIMITS) -> RateChange
     N, z, own = (np.array([getattr(p, name) for p in points]) for name in ("revolutions", "work", "own_std"))
     if not (own > 0).all() or not N[-1] > N[0]:
         return None
-    fits = [_fit(N, z, own, N[i]) for i in range(limits.before - 1, len(points) - limits.after)]
-    found = [fit for fit in fits if fit is not None]
-    if not found:
+    fitted = _fit(N, z, own, N[limits.before - 1 : len(points) - limits.after])
+    if fitted is None:
         return None
-    misfit, at, rates, covariance = min(found, key=lambda fit: fit[0])
+    misfit, at, rates, covariance = fitted
     covariance = covariance * max(1.0, misfit / max(len(points) - 4, 1))
     before, after = rates
     for weights in np.array([(-limits.factor, 1.0), (1.0, -limits.factor)]):  # risen, fallen
@@ -75,16 +74,19 @@ def rate_change(points: Points, limits: RateChangeLimits = LIMITS) -> RateChange
 
 
 def _fit(
-    N: np.ndarray, z: np.ndarray, own: np.ndarray, at: float
+    N: np.ndarray, z: np.ndarray, own: np.ndarray, places: np.ndarray
 ) -> tuple[float, float, np.ndarray, np.ndarray] | None:
-    """Misfit (chi-square), revolutions, both rates (2,) and their covariance (2, 2) of a change at one window."""
+    """Misfit (chi-square), revolutions, both rates (2,) and their covariance (2, 2) of a change at the best place."""
     scale = N[-1] - N[0]
-    bent = np.maximum(N - at, 0.0) / scale
-    design = np.stack([np.ones_like(N), (N - N[0]) / scale - bent, bent], axis=1) / own[:, None]
-    normal = design.T @ design
-    if np.linalg.cond(normal) > 1e12:
+    bent = np.maximum(N - places[:, None], 0.0) / scale
+    straight = np.broadcast_to(1 / own, bent.shape)
+    design = np.stack([straight, ((N - N[0]) / scale - bent) / own, bent / own], axis=2)
+    normal = design.transpose(0, 2, 1) @ design
+    told = np.linalg.cond(normal) <= 1e12
+    if not told.any():
         return None
-    covariance = np.linalg.inv(normal)
-    values = covariance @ design.T @ (z / own)
-    left = z / own - design @ values
-    return float(left @ left), float(at), values[1:] / scale, covariance[1:, 1:] / scale**2
+    places, design, covariance = places[told], design[told], np.linalg.inv(normal[told])
+    values = covariance @ (design.transpose(0, 2, 1) @ (z / own)[:, None])
+    misfits = ((z / own - (design @ values)[:, :, 0]) ** 2).sum(axis=1)
+    i = int(misfits.argmin())
+    return float(misfits[i]), float(places[i]), values[i, 1:, 0] / scale, covariance[i, 1:, 1:] / scale**2

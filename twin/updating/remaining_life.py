@@ -21,13 +21,15 @@ logarithm of their ratio its standard deviation.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, inf, log
+from math import inf, log, pi, sqrt
 from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
+from scipy.special import ndtr
 
 from twin.quantiles import Z95
+from twin.roots import rising_roots
 from twin.thresholds import deciding
 from twin.updating.depth import DEPTH
 from twin.updating.tracker import RATE, WearTrack
@@ -76,9 +78,7 @@ class LifeScatter:
 
 
 LIFE = LifeScatter()
-HALVINGS = 40  # of the search for a quantile
-SCORES = np.linspace(-8.0, 8.0, 3201)  # at which the normal distribution is tabulated, within 2e-6 between them
-PROBABILITIES = np.array([NORMAL.cdf(z) for z in SCORES.tolist()])
+FARTHEST = 8.0  # standard normal score between which a quantile is sought
 LEAST_SPREAD = 1e-9  # of ln N
 LEAST_WEIGHT = 1e-4  # histories below it change no quantile that is stated
 
@@ -110,18 +110,26 @@ class LifeMixture:
 
     def reached(self, revolutions: float) -> float:
         """The probability that no more than so many revolutions are left."""
-        scores = (log(revolutions) - np.log(self.medians)) / np.maximum(self.spreads, LEAST_SPREAD)
-        return float(self.weights @ np.interp(scores, SCORES, PROBABILITIES))
+        return float(self._reached(np.array([log(revolutions)]))[0][0])
 
-    def quantile(self, probability: float) -> float:
-        """The revolutions that are left at most with a probability."""
-        reach = SCORES[-1] * self.spreads
-        low = log(float(np.min(self.medians * np.exp(-reach))))
-        high = log(float(np.max(self.medians * np.exp(reach))))
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.reached(exp(middle)) < probability else (low, middle)
-        return exp(0.5 * (low + high))
+    def at(self, scores: np.ndarray) -> np.ndarray:
+        """The revolutions left at standard normal scores (n,)."""
+        middles, probabilities = np.log(self.medians), ndtr(scores)
+        middle, reach = float(self.weights @ middles), FARTHEST * self.spreads
+        low, high = float((middles - reach).min()), float((middles + reach).max())
+        std = sqrt(float(self.weights @ (self.spreads**2 + (middles - middle) ** 2)))
+
+        def excess(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            reached, density = self._reached(logs)
+            return reached - probabilities, density
+
+        return np.exp(rising_roots(excess, np.clip(middle + std * scores, low, high), low, high))
+
+    def _reached(self, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Probability that no more than some revolutions are left, and its slope, by their logarithms (n,); (n,)."""
+        spreads = np.maximum(self.spreads, LEAST_SPREAD)
+        scores = (logs[:, None] - np.log(self.medians)) / spreads
+        return ndtr(scores) @ self.weights, np.exp(-0.5 * scores**2) @ (self.weights / (spreads * sqrt(2 * pi)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,29 +147,26 @@ class RemainingLife:
 
     @property
     def median(self) -> float:
-        return self.at(0.0)
+        return float(self.at(np.zeros(1))[0])
 
     @property
     def p05(self) -> float:
-        return self.at(-Z95)
+        return float(self.at(np.array([-Z95]))[0])
 
     @property
     def p95(self) -> float:
-        return self.at(Z95)
+        return float(self.at(np.array([Z95]))[0])
 
-    def quantile(self, probability: float) -> float:
-        """The revolutions that are left at most with a probability."""
-        return self.at(NORMAL.inv_cdf(probability))
-
-    def at(self, score: float) -> float:
-        """The revolutions left at a standard normal score; infinite where there is no bound."""
+    def at(self, scores: np.ndarray) -> np.ndarray:
+        """The revolutions left at standard normal scores (n,); infinite where there is no bound."""
         if self.reached:
-            return max(0.0, (self.to_go + score * self.end_std) / self.rate)
+            return np.maximum(0.0, (self.to_go + scores * self.end_std) / self.rate)
         if not self.measurable:
-            return self.to_go / (self.rate - score * self.rate_std) if score < 1e-3 - Z95 else inf
+            bound = scores < 1e-3 - Z95
+            return np.where(bound, self.to_go / (self.rate - np.where(bound, scores, -Z95) * self.rate_std), inf)
         if self.mixture is not None:
-            return self.mixture.quantile(NORMAL.cdf(score))
-        return self.to_go / self.rate * exp(score * self.spread)
+            return self.mixture.at(scores)
+        return self.to_go / self.rate * np.exp(scores * self.spread)
 
     def beyond(self, revolutions: float) -> float | None:
         """The probability that more than so many revolutions are left; None where only a lower bound is known."""

@@ -34,18 +34,20 @@ Holds    for several windows of one machine; a change that no window has shown y
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr
 
+from twin.roots import rising_roots
 from twin.updating.rate_histories import HISTORIES, Forms, Grid, RateHistories, forms_of, grid_of
 from twin.updating.wear_points import Points
 
 LEAST_WORK = 0.01  # of the largest: below it, distances in ln x are not resolved
-HALVINGS = 40  # of the search for a life
 LONGEST = log(5.0)  # ln of a history's life over that at the present rate, at most
+KEPT = 8  # forecasts and lives: the answer and the stages of one window ask for the same
 REACHED = 1e-9  # of the revolutions so far: life of a history whose end is reached
 
 
@@ -82,6 +84,7 @@ class WearForecast:
         """Mean wear rate now [rad/N per revolution]."""
         return float(self.weights @ self.mean[:, 1])
 
+    @lru_cache(maxsize=KEPT)  # noqa: B019 (few, and compared by identity)
     def lives(self, end: float) -> Lives:
         """Each history's life to a work; histories whose rate is not positive are left out."""
         fits = self.mean[:, 1] > 0
@@ -91,13 +94,15 @@ class WearForecast:
         reached = to_go <= 0
         to_go = np.where(reached, REACHED * self.revolutions * now[:, 1], to_go)
         at = np.log(to_go / now[:, 1])
-        low, high = at - LONGEST, at + LONGEST  # a rate that falls along a line would end at none
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            L = np.exp(middle)
-            short = now[:, 1] * L + c * self._bent(L, *form)[0] < to_go
-            low, high = np.where(short, middle, low), np.where(short, high, middle)
-        L = np.exp(0.5 * (low + high))
+
+        def worn(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            L = np.exp(logs)
+            ψ, slope = self._bent(L, *form)
+            return (now[:, 1] * L + c * ψ) / to_go - 1, (now[:, 1] + c * slope) * L / to_go
+
+        L = np.exp(
+            rising_roots(worn, at, at - LONGEST, at + LONGEST)
+        )  # a rate that falls along a line would end at none
         ψ, slope = self._bent(L, *form)
         row = np.stack([np.ones_like(L), L, by_c * ψ], axis=1)
         var = np.einsum("hi,hij,hj->h", row, P, row) + self.wander[fits] * L**3 / 3 + self.irregular[fits] * L
@@ -133,6 +138,7 @@ class WearForecast:
         )
 
 
+@lru_cache(maxsize=KEPT)
 def forecast_of(points: Points, revolutions: float, histories: RateHistories = HISTORIES) -> WearForecast | None:
     """The wear at a count of revolutions not before the last point, and to come; None before the first worn window."""
     if not points or not points[-1].work > 0 or not points[-1].revolutions > 0:

@@ -1,7 +1,6 @@
 // What a person should know first: the state of the machine, what to do, and apart from it whether the data are good.
 
 import { element } from "../dom.js";
-import { VIEWS } from "../views.js";
 import { missingReasons } from "./cards.js";
 import { dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence } from "../format.js";
 
@@ -52,9 +51,9 @@ function shortened(state) {
 
 function question(asked, machine) {
   if (!asked) return "";
-  const view = VIEWS.find(({ path }) => path.includes("life")); // where changes of the machine are entered
+  const at = `#/asset/${encodeURIComponent(machine)}/life`; // where changes of the machine are entered
   return element("p", { className: "question" }, element("strong", {}, "Question: "), `${asked.text} `,
-    view ? element("a", { href: `#/asset/${encodeURIComponent(machine)}/${view.path}` }, "Answer it") : "");
+    element("a", { href: at }, "Answer it"));
 }
 
 function retirement({ retired }) {

@@ -191,16 +191,14 @@ def find_crack(
         found = candidates.fitted(change)
         if found is None or (best is not None and found.log_evidence <= best.log_evidence):
             continue
-        best = _finding(candidates, found, change, seen)
+        best = _finding(found, change, seen)
         if at and (law := _law(candidates, found, change, seen)) is not None:
             depths = [p.max_depth for p in profiles]
             best = _grown(best, found, law, seen, depths)
     return best
 
 
-def _finding(
-    candidates: _Candidates, found: _FittedCrack, change: LocalChange, seen: Sequence[Pattern]
-) -> ToothFinding:
+def _finding(found: _FittedCrack, change: LocalChange, seen: Sequence[Pattern]) -> ToothFinding:
     """A crack of constant size since the change."""
     at = change.window
     return ToothFinding(

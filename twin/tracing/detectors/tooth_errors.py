@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
@@ -268,8 +268,8 @@ def find_pitch_errors(
         std=float(np.sqrt(np.mean(np.diag(np.linalg.inv(B.T @ B))))),
         rms_std={NAMES[fit.gear]: fit.rms_std(values[NAMES[fit.gear]]) for fit in fits},
         chance=float(
-            chi2.sf(
-                sum(fit.explained(values[NAMES[fit.gear]]) for fit in fits), sum(v.size - 1 for v in values.values())
+            chdtrc(
+                sum(v.size - 1 for v in values.values()), sum(fit.explained(values[NAMES[fit.gear]]) for fit in fits)
             )
         ),
         detail=", ".join(f"{n} {1e6 * float(np.std(v)):.2g} µm rms" for n, v in values.items()),

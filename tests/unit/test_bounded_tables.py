@@ -1,0 +1,57 @@
+"""What is kept of assets does not grow with every name that was ever asked for."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+from service.fleet.rows import _looks_alike
+from service.results.board import Snapshot
+from service.runtime.computing import Ask, Call
+from service.runtime.packed_state import NEW
+from service.runtime.reception import Reception
+from service.runtime.worker_processes import MOST_ASSETS, _Worker
+from service.runtime.worker_task import MACHINES, Tasks
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_what_is_asked_of_an_asset_without_frames_is_not_kept_and_looks_no_rig_up():
+    looked = []
+    reception = Reception(looked.append, lambda window: None, host_clock=lambda: 7)
+    assert not list(reception.channels("a")) and reception.last_arrival_ns("a") is None
+    assert reception.ended_ns("a") == 7 and reception.counts("a").to_dict({}, ())
+    assert not looked and reception.assets == []
+
+
+def test_machines_at_hand_are_bounded_and_the_latest_stay():
+    twin, tasks = SimpleNamespace(make=str, options=None), Tasks()
+    for number in range(MACHINES + 10):
+        call = Call(asset=f"a{number}", twin=twin, rig=None, state=NEW, ask=Ask("forget", None))
+        tasks.of(call)
+    assert len(tasks._machines) == MACHINES and f"a{MACHINES + 9}" in tasks._machines
+
+
+def test_a_worker_gives_up_the_asset_asked_for_longest_ago():
+    worker = _Worker()
+    for number in range(MOST_ASSETS + 3):
+        worker.with_asset("first").with_asset(f"a{number}")
+    assert len(worker.assets) == MOST_ASSETS and {"first", f"a{MOST_ASSETS + 2}"} <= worker.assets.keys()
+    assert "a0" not in worker.assets
+
+
+def test_a_row_is_compared_by_what_it_shows_and_not_by_where_that_lies():
+    """An object made in the place of one that was gone had its id, and the row was not written."""
+    before = Snapshot(asset="a", report={"status": "normal"}, windows_total=3)
+    assert _looks_alike(before, replace(before, report={"status": "normal"}))
+    assert not _looks_alike(before, replace(before, report={"status": "alarm"}))
+    assert not _looks_alike(None, before)
+
+
+def test_a_command_of_tests_says_nothing_that_the_command_itself_does_not():
+    """It began with a RuntimeWarning of runpy: the module was loaded ahead."""
+    program = "from tests.service.forked_processes import _run; import service.__main__; "
+    program += "_run({'module': 'service', 'arguments': ['--version'], 'folder': '.'})"
+    found = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout and not found.stderr
