@@ -25,11 +25,7 @@ from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
 from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
 from service.results.store import Tables
-<<<<<<< HEAD
-from service.results.window_file import SUFFIX, UNFINISHED, read_window, sync_folder, write_window
-=======
-from service.results.window_file import SUFFIX, sync_folder, write_window
->>>>>>> wt-c
+from service.results.window_file import SUFFIX, UNFINISHED, sync_folder, write_window
 from service.steady_clock import later_time_ns
 from twin.windows import Window
 
