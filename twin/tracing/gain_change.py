@@ -11,8 +11,9 @@ g     gain at the latest window over the gain before the onset
 The structure is the same in all windows and drops out, so this needs no tolerance of the rig file. A common shape h is
 a linear regression; its evidence is that of a Gaussian prior on ln g. A step is judged by its lines against one
 another, with the noise widened to what they scatter. A resonance's skirts reach over the whole band, so that all lines
-must agree on it in size and phase; its rivals are lines that stay, that change by one factor, or each by its own. What
-the model's transmission error lacks is nearly the same before and after, so that its lines speak too.
+must agree on it in size and phase; its rivals are lines that stay, that change by one factor, each by its own, or one
+alone, as wear can make it. What the model's transmission error lacks is nearly the same before and after, so that its
+lines speak too.
 
 Source   D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, 2003, ch. 28 (evidence of a linear
          model, Occam factor); which law: twin/tracing/size_laws.py
@@ -25,6 +26,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from twin.effects.size_law import CONSTANT, SizeLaw
@@ -257,13 +259,20 @@ def _mount_since(
     if n < limits.least_step_lines:
         return None
     d = within_half_turns(np.concatenate((change.real, change.imag)))
-    noise, level = np.diag(np.tile(variance, 2)), np.concatenate((np.ones(n), np.zeros(n)))
-    apart = (s**2 * np.eye(2 * n) for s in (gain_prior, limits.other_structure_scatter))
-    rivals = (0.0, gain_prior**2 * np.outer(level, level), *apart)
+    noise, level = np.tile(variance, 2), np.concatenate((np.ones(n), np.zeros(n)))
+    shared = multivariate_normal.logpdf(d, cov=np.diag(noise) + gain_prior**2 * np.outer(level, level))
+    own = limits.other_structure_scatter**2
+    one = np.array([_ln_density(d, noise + own * np.tile(k, 2)) for k in np.eye(n)])
+    apart = (_ln_density(d, noise + s) for s in (0.0, gain_prior**2, own))
     mounts = Mounts.of(top, frequency)
-    best = mounts.likeliest(multivariate_normal.logpdf(mounts.left_of(d), cov=noise))
-    rival = max(float(multivariate_normal.logpdf(d, cov=noise + more)) for more in rivals)
+    best = mounts.likeliest(_ln_density(mounts.left_of(d), noise))
+    rival = max(float(shared), float(logsumexp(one) - np.log(n)), *(float(value) for value in apart))
     return replace(best, log_evidence=best.log_evidence - rival)
+
+
+def _ln_density(values: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Of independent normal values (…, n) → (…)."""
+    return np.asarray(-0.5 * (values**2 / variance + np.log(2 * np.pi * variance)).sum(axis=-1))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from twin.effects.sensor_resonance import SensorResonance
+from twin.effects.sensor_resonance import SensorResonance, transmitted
 from twin.thresholds import deciding
 from twin.tracing.size_laws import UNIFORM
 
-RATIOS = (0.02, 0.05, 0.1)  # damping of the mount, that are tried
+RATIOS = (0.01, 0.014, 0.02, 0.028, 0.04, 0.057, 0.08, 0.113, 0.16)  # damping of the mount, that are tried
 FREQUENCIES = 240  # of the mount, that are tried: about 1 % apart, half the width of the sharpest
 
 
@@ -61,20 +61,17 @@ class Mount:
 class Mounts:
     """Every resonance that is tried, with what it makes of n lines: real parts first, then phases."""
 
-    tried: tuple[SensorResonance, ...]
+    frequency: np.ndarray  # f_0 (m,) [Hz]
+    damping_ratio: np.ndarray  # (m,)
     shapes: np.ndarray  # (m, 2n)
 
     @classmethod
     def of(cls, top: float, frequency: np.ndarray, limits: MountThresholds = THRESHOLDS) -> Mounts:
         """top  upper limit of the analysis band [Hz]; frequency of the lines (n,) [Hz]."""
         low, high = (share * top for share in limits.resonance_band)
-        tried = tuple(
-            SensorResonance(frequency=float(f0), damping_ratio=ζ)
-            for f0 in np.geomspace(low, high, FREQUENCIES)
-            for ζ in RATIOS
-        )
-        shapes = np.log([effect.response(frequency) for effect in tried])
-        return cls(tried=tried, shapes=np.concatenate((shapes.real, shapes.imag), axis=1))
+        f0, ζ = np.repeat(np.geomspace(low, high, FREQUENCIES), len(RATIOS)), np.tile(RATIOS, FREQUENCIES)
+        shapes = np.log(transmitted(frequency / f0[:, None], ζ[:, None]))
+        return cls(frequency=f0, damping_ratio=ζ, shapes=np.concatenate((shapes.real, shapes.imag), axis=1))
 
     def left_of(self, rest: np.ndarray) -> np.ndarray:
         """What each leaves of the lines' logarithms (2n,) → (m, 2n)."""
@@ -85,11 +82,10 @@ class Mounts:
         best = int(np.argmax(likelihood))
         weight = np.exp(likelihood - likelihood[best])
         weight /= weight.sum()
-        logs = np.log([effect.frequency for effect in self.tried])
-        ratios = np.array([effect.damping_ratio for effect in self.tried])
+        logs, ratios = np.log(self.frequency), self.damping_ratio
         step = float((logs[-1] - logs[0]) / (FREQUENCIES - 1))
         return Mount(
-            effect=self.tried[best],
+            effect=SensorResonance(frequency=float(self.frequency[best]), damping_ratio=float(ratios[best])),
             std=float(np.hypot(np.sqrt(weight @ (logs - weight @ logs) ** 2), step * UNIFORM)),
             damping_std=float(np.sqrt(weight @ (ratios - ratios[best]) ** 2)),
             log_evidence=float(logsumexp(likelihood) - np.log(likelihood.size)),
