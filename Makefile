@@ -5,7 +5,7 @@ PYTHON ?= $(shell for p in python3 python3.11 python3.12 python3.13 python3.14; 
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
-WORKERS ?= 2
+WORKERS ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 ARGS ?=
 
 .PHONY: help install install-dev install-formats install-plant install-fleet demo serve test test-slow test-all chaos bench peers figures evaluate evaluate-wide check format site lint-docker sbom audit lock clean
@@ -17,7 +17,7 @@ help:
 	@echo 'make install-formats   readers of TDMS, UFF-58, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
 	@echo 'make install-plant     PostgreSQL, MQTT, OPC UA and OpenTelemetry for the service'
 	@echo 'make install-fleet     Ray, PostgreSQL and object stores for gear-twin fleet'
-	@echo 'make test         the test suite; test-slow: the longer proofs; test-all: both'
+	@echo 'make test         the tests of under a second or so; test-slow: the longer proofs; test-all: both'
 	@echo 'make chaos        faults and attacks drawn from seeds (ARGS="--count N --seed S": how many, which)'
 	@echo 'make bench        all benchmarks, with their aims'
 	@echo 'make peers        gear-twin and its peers (exudyn, ROSS, ProgPy, scipy, mcap) on the same problems'

@@ -5,8 +5,8 @@ reference data beside the project, for tests marked `shared`, a container engine
 Prometheus, for those marked `prometheus`, an S3 server, for those marked `s3`, and cores that nothing else uses, for
 those marked `engine`, which start several nodes of Ray. With GEAR_TWIN_TEST_FLEET every service of the tests is a fleet
 of one partition; then tests marked `serve_only` are skipped, each with its reason.
-Longer proofs (`slow`) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]; the summary tells how
-many.
+Longer proofs (`slow`: over a second or so) come last, and none begins after GEAR_TWIN_TEST_DEADLINE [Unix time, s]: the
+summary tells how many were left out, and the run has failed.
 """
 
 from __future__ import annotations
@@ -57,11 +57,13 @@ def failed_for_being_skipped(report: pytest.TestReport | pytest.CollectReport) -
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What uses the fixture `shared` is marked so; longer proofs come last.
+    """What uses the fixture `shared` is marked so, what asks a fleet what one service answers is slow, and comes last.
 
     Of the others those that take the longest come first: at the end a core has nothing to do for a short time only.
     """
     for item in items:
+        if getattr(getattr(item, "module", None), "OVER_FLEET", False):
+            item.add_marker(pytest.mark.slow)
         if "shared" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.shared)
     items.sort(key=lambda item: (item.get_closest_marker("slow") is not None, item.path.parent.name != "validation"))
@@ -110,10 +112,27 @@ def pytest_xdist_node_collection_finished(node, ids: list[str]) -> None:
     node.config.stash[CHOSEN] = len(ids)
 
 
+def left_out(config: pytest.Config) -> int:
+    """Number of longer proofs that were chosen and not begun."""
+    if not os.environ.get("GEAR_TWIN_TEST_DEADLINE"):
+        return 0
+    stats = config.pluginmanager.get_plugin("terminalreporter").stats
+    reports = (report for kind in stats.values() for report in kind)
+    begun = {r.nodeid for r in reports if isinstance(r, pytest.TestReport)}
+    return config.stash.get(CHOSEN, 0) - len(begun)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Makes a run fail that has left a proof out; the process that reports decides, not one of its workers."""
+    if (
+        not hasattr(session.config, "workerinput")
+        and session.exitstatus == pytest.ExitCode.OK
+        and left_out(session.config)
+    ):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
 def pytest_terminal_summary(terminalreporter) -> None:
     """Tells how many longer proofs were chosen and not begun."""
-    reports = (report for kind in terminalreporter.stats.values() for report in kind)
-    begun = {r.nodeid for r in reports if isinstance(r, pytest.TestReport)}
-    left_out = terminalreporter.config.stash.get(CHOSEN, 0) - len(begun)
-    if os.environ.get("GEAR_TWIN_TEST_DEADLINE") and left_out > 0:
-        terminalreporter.write_line(f"not begun, the time of the run being used up: {left_out} longer proofs")
+    if number := left_out(terminalreporter.config):
+        terminalreporter.write_line(f"not begun, the time of the run being used up: {number} longer proofs")

@@ -137,6 +137,7 @@ def test_pattern_of_the_teeth_tells_the_angle_between_two_windows():
     assert align(lines, {"b": lines["a"]}, 3, 20) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [0.3, 0.42, 0.7])
 def test_healthy_machine_at_a_load_not_learned_has_nothing_added(load):
     diagnosis = diagnose(healthy(), [parts(machine(load, 50))])
@@ -169,6 +170,7 @@ def test_fault_stays_at_its_angle_of_the_shaft_wherever_the_zero_of_a_window_lie
     assert np.abs((np.array(angles) - angles[0] + 0.5) % 1 - 0.5).max() < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "name"), [
     (lambda f: np.full(f.size, 0.6 + 0j), "sensor_gain"),
     (EFFECTS["sensor_resonance"](frequency=700.0, damping_ratio=0.2).response, "sensor_resonance"),
@@ -221,6 +223,7 @@ def test_far_beyond_the_baseline_no_sensor_is_blamed_for_what_both_show_and_noth
     assert "times the baseline's level" in diagnosis.reason and "beyond" in diagnosis.reason
 
 
+@pytest.mark.slow
 def test_one_sensor_that_has_changed_is_no_common_level_and_one_sensor_alone_is_indistinguishable_from_the_machine():
     changed = np.full(12, 0.5 + 0j)
     assert common_level([changed, np.ones(12)]) == 0.0
@@ -257,6 +260,7 @@ def test_two_resonances_that_cancel_are_no_resonance_that_moved():
     assert named.name == "sensor_gain" and named.parameters["gain"][0] == pytest.approx(1.39, rel=0.05)
 
 
+@pytest.mark.slow
 def test_resonance_that_has_moved_is_told_with_both_places():
     f = np.arange(4.0, 200.0, 8.0)
     now, before = (EFFECTS["sensor_resonance"](frequency=a, damping_ratio=b) for a, b in ((1200.0, 0.3), (2700.0, 0.1)))
@@ -292,6 +296,7 @@ def test_shaft_that_the_rig_file_does_not_name_is_found_by_the_spacing_of_its_li
     assert clearest(plain, angle_of(RIG, plain)) is None
 
 
+@pytest.mark.slow
 def test_modulation_of_any_order_of_its_own_is_said_with_its_uncertainty_and_is_no_shaft():
     rng, off, geared = np.random.default_rng(11), [], 0
     for seed, order in enumerate(rng.uniform(0.35, 0.95, 16)):
@@ -338,6 +343,7 @@ def test_window_too_short_to_tell_lines_apart_and_baseline_of_one_window_are_ref
         learn(RIG, [parts(machine(0.5, 3)).whole], SHAFTS)
 
 
+@pytest.mark.slow
 def test_service_step_says_what_is_new_beside_a_baseline_once_and_leaves_wear_alone():
     state, options = State(), Options(baseline=healthy())
     told = []
@@ -352,6 +358,7 @@ def test_service_step_says_what_is_new_beside_a_baseline_once_and_leaves_wear_al
     assert told[1][0]["baseline"]["window"]["same_teeth"]
 
 
+@pytest.mark.slow
 def test_what_is_no_longer_there_is_no_longer_said_and_no_baseline_takes_the_answer_of_a_twin():
     state, options = State(), Options(baseline=healthy(), trace=False)
     names = []
@@ -375,6 +382,7 @@ def test_baseline_of_other_tooth_counts_is_said_not_to_fit():
     assert estimate.report["effects"] == []
 
 
+@pytest.mark.slow
 def test_step_without_a_baseline_names_strange_lines_and_takes_a_further_shaft_for_no_effect():
     _, modulated = step(RIG, State(), machine(0.5, 3, foreign=0.3961, seconds=12.0))
     assert modulated.report["unexplained"]["verdict"] == "unknown_effect"

@@ -32,6 +32,7 @@ def test_what_a_cracked_tooth_adds_rises_with_load():
     assert shaft_lines(20.0) / shaft_lines(10.0) == pytest.approx(2.0, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sign", "falls"), [(-1, True), (1, False)])
 def test_direction_with_load_is_that_of_the_healthy_machine(sign, falls):
     """Beside a pulse of e^(±1.5·load) in the healthy machine, one that is twice as high."""
@@ -50,6 +51,7 @@ def test_direction_with_load_is_that_of_the_healthy_machine(sign, falls):
         assert ratio is None
 
 
+@pytest.mark.slow
 def test_threshold_grows_evenly_from_the_end_of_the_learned_range():
     points = np.array([[0.0], [0.5], [1.0]])
     assert distance_beyond(points, np.array([0.7])) == distance_beyond(points, np.array([1.04])) == 0.0

@@ -72,6 +72,7 @@ def at(load, speed, seed, **what):
     return parts(machine(load, seed, nominal=speed, metered=True, seconds=6.0, **what), name=f"{load:g} {speed:g}")
 
 
+@pytest.mark.slow
 def test_machine_of_several_speeds_and_loads_is_known_between_them():
     points = [(load, speed) for load in (0.1, 0.5, 0.9) for speed in (15.0, 16.0, 17.5)]
     base = learn(RIG, [at(load, speed, i).whole for i, (load, speed) in enumerate(points)], SHAFTS)
@@ -95,6 +96,7 @@ def test_miss_is_nothing_at_a_point_learned_and_grows_with_the_distance():
     assert far == pytest.approx(2 * 1.0**1.5)  # a whole range beyond the nearest alone
 
 
+@pytest.mark.slow
 def test_scatter_is_wider_far_from_what_was_learned():
     base = learn(RIG, [at(load, 16.0, i).whole for i, load in enumerate((0.1, 0.15, 0.2))], SHAFTS)
     near, far = (base.expected(at(load, 16.0, 9).whole) for load in (0.17, 0.9))
@@ -116,6 +118,7 @@ def test_level_that_all_sensors_share_is_of_no_sensor():
     assert np.allclose(lesser(gains[0], gains[0]), np.abs(gains[0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.6, 1.5])
 def test_machine_that_is_louder_at_all_sensors_has_no_changed_sensor_and_says_so(factor):
     def third(window):  # a sensor between the two others

@@ -73,6 +73,7 @@ def is_changed(found) -> bool:
     return bool(found.effects) or found.unexplained.verdict == "unknown_effect"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", NO_PATTERN)
 @pytest.mark.parametrize("recording", [100, 101])
 def test_a_healthy_recording_is_not_of_other_gears_where_healthy_recordings_do_not_repeat_their_teeth(
@@ -92,6 +93,7 @@ def test_what_is_not_compared_is_said_with_its_reason(machine):
     assert "healthy recordings left out in turn are called changed" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", FOREIGN)
 def test_lines_of_no_shaft_that_healthy_recordings_show_are_not_new(machine):
     """Lines spaced by 137.7 Hz were an unknown effect, even of a recording that was learned from."""
@@ -105,6 +107,7 @@ def test_lines_of_no_shaft_that_healthy_recordings_show_are_not_new(machine):
     assert "Unknown effect" not in said and "not new" in said
 
 
+@pytest.mark.slow
 def test_lines_of_no_shaft_that_no_healthy_recording_shows_are_new():
     found = compared(PLAIN, fault="foreign")
     assert found.unattributed_lines[0].new and found.unattributed_lines[0].healthy == ()
@@ -138,6 +141,7 @@ def test_recordings_of_a_baseline_pass_the_examination_of_their_instruments(monk
     assert {f.kind for f in found.window.faults} == {"clock_rate"}
 
 
+@pytest.mark.slow
 def test_a_spacing_is_compared_with_what_healthy_recordings_have_of_their_own():
     """Where every healthy recording has a spacing that no other has, one more is nothing new."""
     own = [replace(r, spacings=tuple(replace(s, order=s.order * (1 + 0.13 * i)) for s in r.spacings))
@@ -146,6 +150,7 @@ def test_a_spacing_is_compared_with_what_healthy_recordings_have_of_their_own():
     assert differing.repeats.factor(SPACINGS) == np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.09, 0.02, 0.004])
 def test_a_rail_is_a_rail_however_often_healthy_recordings_reach_it(share):
     """Windows with 8 to 10 % of the samples at the rail were learned from in silence."""
@@ -159,12 +164,14 @@ def test_a_rail_is_a_rail_however_often_healthy_recordings_reach_it(share):
     assert "as in healthy recordings" in found.unexplained.reason
 
 
+@pytest.mark.slow
 def test_a_sensor_at_its_rail_far_more_than_in_healthy_recordings_is_named():
     values = np.abs(PLAIN.window(0).accelerations["a1"].values)
     machine = replace(PLAIN, rail=float(np.quantile(values, 0.97)))
     assert "sensor_clipping" in {e.name for e in compared(machine, fault="level", size=2.0).effects}
 
 
+@pytest.mark.slow
 def test_dead_time_of_healthy_recordings_is_not_learned_from():
     def interrupted(w):
         a1 = w.accelerations["a1"]
@@ -193,6 +200,7 @@ def test_copies_of_one_recording_count_once(of):
     assert "counts once" in learned_text(Contract.of(described(known)).as_json())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("windows", [5, 6, 12])
 def test_windows_of_one_file_of_two_minutes_are_one_recording(windows):
     """Twelve windows of one file were twelve recordings, enough to judge teeth."""
@@ -251,6 +259,7 @@ def test_few_recordings_and_many_measures_ask_for_a_larger_change():
     assert np.all(least_new(known, 2) > known.max(axis=0) + 0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "recording"), [(3, 4), (7, 6), (0, 4), (15, 0)])
 def test_the_limits_of_six_recordings_hold_for_a_seventh(seed, recording):
     """White noise, a sensor's path and modulations that noise had hidden were changes of healthy machines."""

@@ -31,6 +31,7 @@ def cut(x):
     return x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "name"), [
     (lambda x: -x, "sensor_polarity"),
     (lambda x: np.clip(x, -1.5 * x.std(), 1.5 * x.std()), "sensor_clipping"),
@@ -47,6 +48,7 @@ def test_what_a_sensor_does_is_named_and_is_no_fault_of_the_gears(change, name):
     assert all(e.channels == ("b",) for e in diagnosis.effects if e.name == name)
 
 
+@pytest.mark.slow
 def test_healthy_window_has_no_changed_timing():
     for seed, load in ((50, 0.3), (51, 0.7)):
         assert timing_changes(healthy(), parts(machine(load, seed)).whole) == ()
@@ -210,6 +212,7 @@ def test_all_sensors_that_fall_by_one_factor_have_a_wrong_unit_and_are_not_dead(
     assert "unit, sensitivity or scale" in named.detail
 
 
+@pytest.mark.slow
 def test_sensors_that_fall_by_different_factors_are_dead_each():
     window = machine(0.42, 99)
     less = {

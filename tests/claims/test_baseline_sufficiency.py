@@ -24,6 +24,7 @@ def baseline(count, spread=0.4, metered=False):
     return learn(RATED, [parts(w, name=f"h{i}").whole for i, w in enumerate(windows)], SHAFTS)
 
 
+@pytest.mark.slow
 def test_baseline_of_four_recordings_says_how_many_are_needed_and_over_which_loads():
     thin = baseline(4, metered=True)
     low, high = load_range(thin)
@@ -34,6 +35,7 @@ def test_baseline_of_four_recordings_says_how_many_are_needed_and_over_which_loa
     assert "Hz: teeth cannot be judged yet" in thin_for_teeth(baseline(4))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [None, lambda f: np.full(f.size, 0.5 + 0j)])
 def test_verdict_of_a_thin_baseline_is_never_explained_and_no_sensor_is_named(gain):
     window = parts(machine(0.3, 99, gain=gain, pulse=0.0))
@@ -45,6 +47,7 @@ def test_verdict_of_a_thin_baseline_is_never_explained_and_no_sensor_is_named(ga
     assert ("which cannot be distinguished yet" in thin.reason) is bool(gain)
 
 
+@pytest.mark.slow
 def test_recordings_at_one_load_are_no_baseline_for_another():
     same = sufficiency_of(baseline(6, spread=0.0, metered=True))
     (kind,) = same.not_judged
@@ -52,6 +55,7 @@ def test_recordings_at_one_load_are_no_baseline_for_another():
     assert sufficiency_of(baseline(6, metered=True)).not_judged == ()
 
 
+@pytest.mark.slow
 def test_sufficiency_is_in_the_contract_and_said_when_a_baseline_is_learned():
     said = Baseline.of(described(baseline(4, metered=True))).as_json()
     assert said["sufficiency"]["recordings"] == 4 and said["sufficiency"]["recordings_needed"] == 5

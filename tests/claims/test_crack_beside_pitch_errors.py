@@ -42,6 +42,7 @@ def found(gear, *args, **how):
     return None if change is None else change.window
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gear", "each", "step"), [(0, 0.4e-6, 1.0e-6), (1, 0.4e-6, 0.65e-6), (1, 0.25e-6, 0.5e-6), (1, 0.6e-6, 0.9e-6)]
 )
@@ -51,6 +52,7 @@ def test_a_tooth_that_yields_beside_pitch_errors_that_wear_in_is_found_in_its_wi
     assert np.mean([window == at for window, at in windows]) >= 0.75
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gear", "each", "step"), [(0, 0.03e-6, 0.45e-6), (0, 0.06e-6, 1.2e-6), (1, 0.05e-6, 0.5e-6)])
 @pytest.mark.parametrize("over", [3, 4])
 def test_a_tooth_that_yields_over_several_windows_is_found_with_the_window_in_which_it_begins(gear, each, step, over):
@@ -60,6 +62,7 @@ def test_a_tooth_that_yields_over_several_windows_is_found_with_the_window_in_wh
     assert np.mean([window - at in (-1, 0, 1, 2) for window, at in windows if window is not None]) >= 0.75
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gear", [0, 1])
 @pytest.mark.parametrize("each", [0.1e-6, 0.4e-6, 1.0e-6])
 def test_pitch_errors_that_wear_in_alone_are_hardly_ever_a_local_change(gear, each):

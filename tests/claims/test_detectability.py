@@ -60,6 +60,7 @@ def test_machines_differ_within_the_tolerances(rig: Rig):
     assert np.sqrt(np.mean(np.abs(first) ** 2)) == pytest.approx(rig.tolerances.pinion_once_per_turn, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_healthy_machine_gives_nothing_and_a_misaligned_one_its_misalignment(rig: Rig):
     campaign = campaign_of(rig)
     assert one_campaign(rig, campaign, 1, required=DEFAULT) == ()
@@ -70,6 +71,7 @@ def test_a_healthy_machine_gives_nothing_and_a_misaligned_one_its_misalignment(r
     assert abs(size) == pytest.approx(value, abs=3 * std)
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_machine(rig: Rig):
     campaign = campaign_of(rig, windows=4)
     first, again = (one_campaign(rig, campaign, 7) for _ in range(2))
@@ -107,6 +109,7 @@ def test_limit_of_an_eccentricity_is_its_discs_own_run_out(rig: Rig):
     assert 3 * disc < limit.value < 10 * disc
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.03, 0.12, 0.5])
 def test_torque_that_swings_once_a_turn_is_neither_an_unbalance_nor_an_eccentricity(share: float):
     """A ripple of so much of the mean torque, on a light spindle drive whose housing it shakes at the shaft's order."""

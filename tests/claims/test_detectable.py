@@ -165,6 +165,7 @@ def explained():
     return context, Draft(state=state, assessment=found, modelled=True)
 
 
+@pytest.mark.slow
 def test_an_answer_that_nothing_was_found_carries_and_prints_what_could_have_been():
     context, draft = explained()
     assert detectable.applies(context, draft)

@@ -82,6 +82,7 @@ def departure(state, table, condition, periods):
     return np.abs(beside - first)[:: table.samples // 2]
 
 
+@pytest.mark.slow
 def test_departures_grow_or_die_away_as_the_largest_multiplier_says():
     """By time integration of the unreduced contacts, which knows nothing of multipliers."""
     lasting = contacts(worn(FAST, 40e-6), FAST, 1024)
@@ -111,6 +112,7 @@ def test_the_branch_leads_to_the_state_that_newtons_method_finds():
     assert relative(found.deflection, expected.deflection) < 1e-7
 
 
+@pytest.mark.slow
 def test_states_that_newtons_method_does_not_find_are_those_of_time_integration():
     """The gears part for a large share of the mesh; of the solutions there the machine keeps one."""
     condition = LIGHT
@@ -124,6 +126,7 @@ def test_states_that_newtons_method_does_not_find_are_those_of_time_integration(
     assert relative(model().acceleration_lines(found)[:10], integrated) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_motion_that_does_not_last_is_no_steady_state():
     table = contacts(beyond_the_last(FAST), FAST, 1024)
     assert not solve_through_contact_loss(STRUCTURE, table, model().mean_force(FAST)).converged
@@ -133,6 +136,7 @@ def test_a_motion_that_does_not_last_is_no_steady_state():
     assert np.ptp(seen) > 1e-6  # d at the same phase of the mesh differs from period to period
 
 
+@pytest.mark.slow
 def test_less_damping_is_no_obstacle():
     table = replace(contacts(worn(FAST, 60e-6), FAST, 1024), damping_time=0.1 * PRIOR.damping_time)
     found = Branch(STRUCTURE, table, model().mean_force(FAST), (), TOLERANCE, None).sharp()

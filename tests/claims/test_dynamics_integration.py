@@ -48,10 +48,12 @@ def assert_same_acceleration(table: Contacts, condition: Condition, seconds: flo
     return found
 
 
+@pytest.mark.slow
 def test_worn_smooth_profile_at_10_hz():
     assert_same_acceleration(contacts(worn(TEN, 50e-6), TEN, 1024), TEN, 25)
 
 
+@pytest.mark.slow
 def test_contact_loss_after_deep_wear():
     found = assert_same_acceleration(contacts(worn(FOURTEEN, DEEP), FOURTEEN, 2048), FOURTEEN, 12)
     assert found.contact_loss > 0.15
@@ -71,6 +73,7 @@ def test_contact_loss_at_a_low_torque():
     assert found.contact_loss > 0.04
 
 
+@pytest.mark.slow
 def test_back_flanks_that_hit_after_contact_loss():
     condition = Condition(speed_hz=60.0, torque=1.0)
     mesh = PairMesh.of(replace(model().mesh.pair, backlash=2e-6), 2048)
@@ -92,6 +95,7 @@ def test_motion_that_the_harmonic_balance_does_not_find_does_not_repeat():
     assert np.ptp(deflection) > 1e-6
 
 
+@pytest.mark.slow
 def test_forces_that_also_act_along_another_direction():
     """Friction is of this kind: a share of each contact's force that changes its sign at the pitch point."""
     mesh = model(1024).mesh
@@ -123,6 +127,7 @@ def test_hunting_period_with_an_eccentric_gear():
     assert np.abs(errors).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_integrator_follows_lsoda_on_equations_in_physical_coordinates():
     """A mesh period of a transient; M, C, K, and contacts from the geometry at every instant."""
     n, condition = 4096, FOURTEEN

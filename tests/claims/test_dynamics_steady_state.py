@@ -210,6 +210,7 @@ def test_solution_may_be_given_up_after_so_many_products_and_tells_how_many_it_t
     assert cut.products < whole.products
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 13])
 def test_lightly_loaded_teeth_that_differ_are_solved_over_the_hunting_period_on_finer_samples(seed):
     rng = np.random.default_rng(seed)

@@ -104,6 +104,7 @@ def test_channel_that_stays_within_what_a_healthy_machine_leaves_speaks_against_
     assert judged(effect("torque_ripple", 0.2, 0.01), errors(pairs)).kind == "earned"
 
 
+@pytest.mark.slow
 def test_of_healthy_machines_few_keep_an_effect_that_was_fitted_to_their_noise():
     """A ripple fitted to the noise of other windows, of a size that chance gives it."""
     rng, kept = np.random.default_rng(2), 0

@@ -82,6 +82,7 @@ def test_blows_without_slip_are_lines_at_the_order_and_its_multiples():
     assert lines[~on].max() < 1e-9 * lines[on].max()
 
 
+@pytest.mark.slow
 def test_slip_spreads_the_lines_and_the_envelope_keeps_the_order():
     steady, slipping = DEFECT(blow=50.0, order=3.5), DEFECT(blow=50.0, order=3.5, slip=0.02)
     spectra = [np.abs(np.fft.rfft(forces(defect)[0])) for defect in (steady, slipping)]
@@ -92,6 +93,7 @@ def test_slip_spreads_the_lines_and_the_envelope_keeps_the_order():
     assert abs(peak - 182) <= 4
 
 
+@pytest.mark.slow
 def test_mean_spectrum_of_slipping_blows_is_that_of_a_renewal_process():
     defect = {"blow": 50.0, "order": 3.5, "slip": 0.05}
     density = 0

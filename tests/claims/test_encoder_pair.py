@@ -106,6 +106,7 @@ def test_sharp_step_that_comes_every_turn_is_the_wheels_and_no_missed_counts():
     assert jump.size / (2 * np.pi) * PER_TURN == pytest.approx(15, abs=3)
 
 
+@pytest.mark.slow
 def test_what_is_passed_once_only_is_indistinguishable_from_a_mark_and_widens_the_ratio():
     for turns, told in ((3.4, False), (7, True)):
         found, clean = pair_motion(*marked(turns, 0, angle=1.75)), pair_motion(*marked(turns, 0))
@@ -115,6 +116,7 @@ def test_what_is_passed_once_only_is_indistinguishable_from_a_mark_and_widens_th
         assert told or found.ratio_std > 3 * clean.ratio_std
 
 
+@pytest.mark.slow
 def test_lost_edges_and_either_wheel_first_give_the_same_ratio():
     first, second = counted(1)
     holed = first.times.copy()
@@ -142,6 +144,7 @@ def test_wheels_that_hardly_turn_or_never_together_tell_nothing(first, second, m
         pair_motion(*(Edges(per_rev=PER_TURN, first_index=0, times=t) for t in (first, second)))
 
 
+@pytest.mark.slow
 def test_a_long_window_of_a_fast_machine_is_answered_from_its_first_turns():
     times = np.arange(600 * PER_TURN) / (60.0 * PER_TURN)
     slow = np.arange(600 / RATIO * 64) * RATIO / 64 / 60 + 2e-5 * np.cos(2 * np.pi / 64 * np.arange(600 / RATIO * 64))

@@ -59,6 +59,7 @@ def last(rig: Rig, state: State):
     return report_of(found, status_of(found))
 
 
+@pytest.mark.slow
 def test_depth_that_was_established_keeps_its_alarm_where_the_model_comes_to_its_end():
     rig, state, _ = worn()
     report = last(rig, unpredicted(state))
@@ -77,6 +78,7 @@ def test_what_was_established_survives_a_restart():
     assert last(rig, again) == last(rig, unpredicted(state))
 
 
+@pytest.mark.slow
 def test_state_of_an_earlier_version_has_established_nothing():
     rig, state, _ = worn()
     data = unpredicted(state).to_dict()

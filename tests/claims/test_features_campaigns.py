@@ -30,6 +30,7 @@ def campaign(shared, name):
     return [extract(Rig.from_mapping(rig), w) for w in windows], truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["D00", "D09", "D10"])
 def test_speed_and_revolutions_are_those_of_the_machine(shared, name):
     for found, true in zip(*campaign(shared, name), strict=True):
@@ -51,6 +52,7 @@ def worn(features, truth):
     return [f for f, _ in pairs], depth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["D00", "D09"])
 def test_transmission_error_at_the_mesh_order_grows_in_proportion_to_the_wear(shared, name):
     features, depth = worn(*campaign(shared, name))
@@ -81,6 +83,7 @@ def test_without_the_gear_encoder_nothing_is_invented(shared):
         assert found.speed_hz and found.rms and found.acceleration
 
 
+@pytest.mark.slow
 def test_lost_frames_show_in_the_valid_share_and_do_not_move_the_level(shared):
     features, truth = campaign(shared, "D01")
     holed = [(f, t) for f, t in zip(features, truth, strict=True) if f.valid_share["accel/y6"] < 1]
@@ -96,6 +99,7 @@ def imported(shared, tmp_path, mapping, source):
     return Rig.from_mapping(rig), window
 
 
+@pytest.mark.slow
 def test_measured_rig_of_28_channels_turns_as_its_readme_says(shared, tmp_path):
     rig, window = imported(shared, tmp_path, "spur-rig-28ch-2000rpm", "channels.npz")
     found = extract(rig, window)
@@ -112,6 +116,7 @@ def test_measured_rig_of_28_channels_turns_as_its_readme_says(shared, tmp_path):
     assert found.revolutions is None and found.transmission_error is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", ["h30hz0", "b30hz0"])
 def test_measured_gearbox_without_load_turns_as_its_readme_says(shared, tmp_path, file):
     rig, window = imported(shared, tmp_path, "spectraquest-broken-tooth", f"{file}.csv.gz")
@@ -123,6 +128,7 @@ def test_measured_gearbox_without_load_turns_as_its_readme_says(shared, tmp_path
     assert all(found.mesh_bands) and found.rms > 0
 
 
+@pytest.mark.slow
 def test_measured_gearbox_slips_more_under_load(shared, tmp_path):
     speeds = []
     for load in (0, 40, 80):
@@ -132,6 +138,7 @@ def test_measured_gearbox_slips_more_under_load(shared, tmp_path):
     assert speeds[2] == pytest.approx(29.62, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_other_tooth_counts_do_not_hold_on_measured_records(shared, tmp_path):
     for mapping, source, wrong in (
         ("spur-rig-28ch-2000rpm", "channels.npz", [(22, 44), (24, 48), (19, 40)]),

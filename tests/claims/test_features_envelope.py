@@ -48,6 +48,7 @@ def test_a_bearing_defect_is_found_under_mesh_lines_with_its_rate_and_band():
     assert found[0].rate / max(1, round(found[0].rate / 3.58)) == pytest.approx(3.58, rel=0.01)
 
 
+@pytest.mark.slow
 def test_mesh_lines_and_noise_alone_hold_no_strange_modulation():
     # 60 records at 1e-2: three or more have probability 0.02
     n, alarms = round(TURNS * PER_TURN), 0
@@ -127,6 +128,7 @@ def test_what_cannot_be_is_refused():
         kurtogram(np.ones(100), 100.0, (10.0, 20.0))
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_the_measured_rig_is_modulated_at_39_58_hz_round_its_mesh_line(shared, tmp_path):
     folder = "spur-rig-28ch-2000rpm"

@@ -54,6 +54,7 @@ def test_a_tone_on_a_shaft_order_is_found_by_its_steadiness():
         assert tone.evidence > 10 and tone.false_alarm < 1e-6
 
 
+@pytest.mark.slow
 def test_uncertainties_are_those_of_the_scatter():
     errors = []
     for seed in range(24):
@@ -63,6 +64,7 @@ def test_uncertainties_are_those_of_the_scatter():
     assert 0.65 < f < 1.45 and 0.65 < a < 1.45  # 24 values: ± 14 %, and the misfit may widen them
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [0.0, 0.8])
 def test_noise_and_order_lines_alone_give_no_tone(colour):
     # 40 records at 1e-2 each: 0.4 expected, three or more have probability 0.008

@@ -66,6 +66,7 @@ def test_graduation_errors_stand_at_the_orders_of_their_own_shaft():
     assert np.abs(found.amplitudes[7:]) == pytest.approx(np.abs(pinion) * Z2 / Z1, abs=2e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constant", [0.0, 1.7, 40.0])
 def test_mean_is_the_constant_between_the_discs_whatever_the_window(constant):
     orders = np.array([0.0, 19, 38, 57, 1, 2, Z1 / Z2, 2 * Z1 / Z2])
@@ -88,6 +89,7 @@ def test_waveform_on_the_angle_grid_is_the_wave_that_was_put_in():
     assert np.abs(error[inner]).max() < 2e-8
 
 
+@pytest.mark.slow
 def test_angles_are_given_where_no_base_radius_is_known():
     pinion, gear = both()
     metres = transmission_error(pinion, gear, (Z1, Z2), RB1).signal.values

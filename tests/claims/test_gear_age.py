@@ -79,6 +79,7 @@ def test_gears_that_have_run_are_to_be_measured_and_no_more_recorded_when_new(fi
         assert remedies[0].startswith("measure the wear depth at a stop") and not any("new" in r for r in remedies)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "later"), [(0, 0.0), (3, 350.0), (5, 1150.0)])
 def test_gears_of_unknown_age_have_a_growth_and_no_depth_whatever_their_counter_shows(first, later):
     for found in from_window(first, "unknown", later):
@@ -118,6 +119,7 @@ def test_the_revolutions_that_gears_had_made_are_added_to_the_count():
     assert band_um(known[1].depth) == band_um(counted[1].depth)
 
 
+@pytest.mark.slow
 def test_gears_that_replace_those_of_unknown_age_are_new():
     rig = rig_with("unknown")
     *_, (state, _) = assessed(rig, [recorded()[1][FIRST_WORN]])
@@ -135,6 +137,7 @@ def test_worn_gears_whose_counter_says_new_are_doubted_because_no_wear_is_so_fas
     assert band_um(found.wear.depth["combined"])[0] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("less", [12.0, 50.0])
 def test_a_first_worn_window_far_deeper_than_wear_makes_it_proves_nothing(less):
     """As where another effect looks like wear: the depth is many times what the wear coefficient makes."""

@@ -30,12 +30,14 @@ def test_a_bearing_with_play_yields_by_the_play_and_by_its_hardening_law():
     assert k * 20e-6 - loose_force(0.0, 20e-6, loose)[1] == pytest.approx(0.0, abs=1e-9)  # within the play
 
 
+@pytest.mark.slow
 def test_without_play_and_with_exponent_one_the_machine_is_the_linear_one():
     m, sound = machine(), knobs("loose_bearing", play_um=0.0, exponent=1.0, stiffness=1.0)
     plain, loose = (steady(m, k, 0.2) for k in (knobs(), sound))
     assert np.allclose(loose[:, 0], plain[:, 0], atol=1e-6 * plain[:, 0].std())
 
 
+@pytest.mark.slow
 def test_what_play_does_to_the_path_depends_on_the_load():
     m, changes = machine(), []
     loose = knobs("loose_bearing", play_um=60.0, exponent=2.0, stiffness=0.3)
@@ -79,6 +81,7 @@ def test_an_angle_turns_the_shaft_as_a_hooke_joint_does():
     assert abs(line(turning.forces["y4"], 2)) == pytest.approx(10.0 * tan(β) / 2 / 0.15, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_misaligned_coupling_bends_the_shaft_once_and_twice_a_turn_in_the_machine():
     m = machine()
     plain = steady(m, knobs(), 0.5)
@@ -88,6 +91,7 @@ def test_a_misaligned_coupling_bends_the_shaft_once_and_twice_a_turn_in_the_mach
     assert bent[:, 1].mean() == pytest.approx(plain[:, 1].mean(), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_rub_touches_over_its_share_of_the_turn_and_brakes_by_its_friction():
     rub = ShaftRub(40.0, 0.25, 0.0, 0.2, 0.01, 0.0).turning(10.0, 0.15)
     normal = -rub.forces["y5"]

@@ -113,6 +113,7 @@ def test_the_mean_transmission_error_is_the_static_deflection_under_load():
     assert stiffness == pytest.approx(rig()["mesh"]["mean_stiffness"], rel=0.05)  # at the rated load
 
 
+@pytest.mark.slow
 def test_the_mean_mesh_force_carries_the_torque():
     record = steady(machine(), knobs(), 1.0)
     assert record[:, 4].mean() == pytest.approx(RATED.torque / pair().base_radius[0], rel=1e-4)
@@ -132,6 +133,7 @@ def test_halving_the_step_converges_with_order_two():
     assert errors[0] < 1e-3 * runs[-1].std()
 
 
+@pytest.mark.slow
 def test_friction_costs_the_power_of_the_gear_loss_factor():
     """P_loss/P = μ·π·(1/z1 + 1/z2)·(1 − ε + ε1² + ε2²), Niemann and Winter, Maschinenelemente II, 21.4.
 
@@ -153,6 +155,7 @@ def stepped_away(m, cracked) -> np.ndarray:
     return np.array([change[np.floor(passed).astype(int) % 52 == tooth].max() for tooth in range(52)])
 
 
+@pytest.mark.slow
 def test_a_cracked_gear_tooth_yields_once_a_gear_turn_where_it_carries():
     tooth = 31
     away = stepped_away(machine(), knobs("tooth_crack", tooth=tooth, remaining_stiffness=0.5, shaft="gear"))
@@ -169,6 +172,7 @@ def test_the_gears_relief_is_the_pinions_unless_it_is_given():
     assert np.allclose(2 * own.gear_form, alike.gear_form) and not np.any(none.gear_form)
 
 
+@pytest.mark.slow
 def test_an_eccentric_gear_moves_the_transmission_error_once_a_turn_by_its_eccentricity():
     m = machine()
     record = steady(m, knobs("pinion_eccentricity", e_um=20.0), 0.6)

@@ -48,24 +48,28 @@ def test_the_pinion_bears_73_percent_of_the_depth():
     assert d["pinion_um"] / d["combined_um"] == pytest.approx(52 / 71, rel=0.01)
 
 
+@pytest.mark.slow
 def test_two_thirds_of_156_um_are_reached_at_4000_revolutions_as_in_the_paper():
     """156 µm at 6000 revolutions at a constant rate; k is chosen for it, the shape of the growth is not."""
     d = depths(worn(4000, k_m2_per_n=6.02e-12))
     assert d["combined_um"] == pytest.approx(104, rel=0.02)
 
 
+@pytest.mark.slow
 def test_only_the_product_of_coefficient_and_revolutions_counts():
     one, two = worn(600), worn(300, k_m2_per_n=2 * K)
     both = one.pinion_worn.mean((0, 2)), two.pinion_worn.mean((0, 2))
     assert np.max(abs(both[0] - both[1])) < 2e-3 * both[0].max()  # other teeth meet: not the same to the bit
 
 
+@pytest.mark.slow
 def test_halving_the_depth_step_changes_the_profile_little():
     coarse, fine = worn(1500, step_um=1.0), worn(1500, step_um=0.5)
     h = [m.pinion_worn.mean((0, 2)) for m in (coarse, fine)]
     assert np.max(abs(h[0] - h[1])) < 0.005 * h[1].max()
 
 
+@pytest.mark.slow
 def test_the_pitch_point_wears_least_and_the_profile_has_two_humps():
     m, s = worn(1500), pair().points
     h = m.pinion_worn.mean((0, 2)) + m.gear_worn.mean((0, 2))
@@ -84,6 +88,7 @@ def test_a_misaligned_pair_wears_at_its_loaded_edge_first():
     assert d["combined_any_slice_um"] > 1.3 * d["combined_um"]
 
 
+@pytest.mark.slow
 def test_running_in_wears_faster_by_the_integral_of_its_excess():
     n, factor, age = 1000.0, 1.5, 500.0
     extra = (factor - 1) * age * (1 - np.exp(-n / age)) / n
@@ -91,6 +96,7 @@ def test_running_in_wears_faster_by_the_integral_of_its_excess():
     assert quick["combined_um"] / plain["combined_um"] == pytest.approx(1 + extra, rel=0.02)
 
 
+@pytest.mark.slow
 def test_dynamic_forces_wear_as_static_ones_where_the_machine_hardly_turns():
     """At a crawl the mesh force is that at rest at every phase of the mesh."""
     crawl = replace(RATED, speed=2 * np.pi * 0.5)
@@ -109,6 +115,7 @@ def test_dynamic_forces_have_the_mean_of_the_static_ones_and_wear_more_where_the
     assert high.max() == pytest.approx(1.5 * even.max(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_every_tooth_wears_and_pitch_errors_spread_the_depths():
     even = worn(1000)
     uneven = worn(1000, knobs("pitch_error", pinion_um=4.0, gear_um=3.0))

@@ -23,6 +23,7 @@ def widths(outcomes):
     return np.array([(o.depth_band[1] - o.depth_band[0]) / d for o, d in zip(outcomes, DEPTHS, strict=True) if d])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("lab", 1), ("pump", 3)])
 def test_the_true_depth_lies_inside_its_band_and_the_band_is_of_use(name, seed):
     outcomes = followed_of(name, seed)

@@ -192,6 +192,7 @@ def test_condition_is_told_by_speed_and_load():
     assert relation.condition_of(30.0, 5.0) is None and relation.condition_of(45.0, 10.0) is None
 
 
+@pytest.mark.slow
 def test_case_left_out_takes_no_part_in_its_own_prediction():
     cases = made()
     i = 20
@@ -223,6 +224,7 @@ def test_assembly_earns_the_density_of_all_speeds_over_that_of_each_and_no_more(
     assert alone == pytest.approx(each, rel=1e-9) and known == pytest.approx(joint, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["twin", "curve"])
 def test_speeds_that_scatter_together_earn_what_their_correlation_is_worth(of):
     """Of ρ the density of two normals together is −½·ln(1 − ρ²) a case above that of each by itself."""
@@ -244,6 +246,7 @@ def test_curve_is_given_the_other_speed_as_the_twin_is():
     assert known.mean("fast") < 0.5 * alone.mean("fast")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("assembly", "expected"), [(0.1, ("assembly",)), (0.0, ())])
 def test_cause_is_chosen_where_it_is_there_and_only_there(assembly, expected):
     assert choose(made(assembly=assembly), Fits({"twin": CURVES, "other": OTHER})).causes == expected
@@ -251,6 +254,7 @@ def test_cause_is_chosen_where_it_is_there_and_only_there(assembly, expected):
     assert turned.causes == ("other", *expected)
 
 
+@pytest.mark.slow
 def test_case_left_out_has_no_say_in_what_is_chosen_for_it():
     """Its level, eight times as high, changes neither the choice nor what is predicted."""
     cases = made(n=18, assembly=0.0)
@@ -282,6 +286,7 @@ def test_combination_is_kept_where_choosing_it_gained_enough():
     assert kept(other, LEAST_GAIN) == other and kept(other, LEAST_GAIN - 0.1) == Choice()
 
 
+@pytest.mark.slow
 def test_halves_share_no_worn_case_and_judge_every_one():
     cases = made()
     first, second = halves(cases)
@@ -330,6 +335,7 @@ def test_region_in_which_the_level_falls_is_found_and_a_rising_one_is_not():
 SERIES = 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("scatter", [0.06, 0.13])
 def test_level_that_goes_on_rising_is_seldom_said_not_to(power, scatter):
@@ -341,6 +347,7 @@ def test_level_that_goes_on_rising_is_seldom_said_not_to(power, scatter):
     assert false / SERIES <= 0.05 + 2 * np.sqrt(0.05 * 0.95 / SERIES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("falls_to", "found"), [(1.0, 0.5), (0.85, 0.9)])
 def test_level_that_levels_off_halfway_is_said_to_as_often_as_its_ranks_allow(falls_to, found):
     """Ranks of a level that stays where it is fall as often as they rise: half of such series at least are told."""

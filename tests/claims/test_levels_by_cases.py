@@ -122,6 +122,7 @@ def with_indicator(value):
     return every, CONDITIONS | {"number": CONDITIONS["fast"]}
 
 
+@pytest.mark.slow
 def test_indicator_joins_where_it_tells_depths_and_only_there():
     rng = np.random.default_rng(5)
     clear, conditions = with_indicator(lambda d: np.exp(d / 100e-6 + 0.1 * rng.standard_normal(d.size)))

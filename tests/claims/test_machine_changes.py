@@ -216,6 +216,7 @@ def test_after_replaced_gears_nothing_is_said_of_wear_until_a_window_of_theirs()
     assert state.latest.wear is None
 
 
+@pytest.mark.slow
 def test_the_same_campaign_on_the_next_pair_gives_the_same_depths():
     """The first windows of the campaign once more after the gears were replaced: as of new gears."""
     rig, windows = recorded()

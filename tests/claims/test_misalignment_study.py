@@ -108,6 +108,7 @@ def test_wrong_parameters_are_refused_by_name():
 # at rest
 
 
+@pytest.mark.slow
 def test_one_pair_at_rest_bears_the_closed_form_of_the_law():
     F = RIGID.static_force(200.0)
     x = RIGID.law.penetration(F)
@@ -231,6 +232,7 @@ def test_an_off_middle_place_couples_displacement_and_slope_and_is_mirrored():
     assert other == pytest.approx(one * np.array([[1, -1], [-1, 1]]))
 
 
+@pytest.mark.slow
 def test_another_method_finds_the_same_motion():
     """Radau's method of order five, with tolerances of its own, over a mesh period from the same start."""
     made = case(DRY, OUT)

@@ -145,6 +145,7 @@ def baseline_of(depths):
     return learn(rig(), readings, pair_shafts(rig()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depth", "new"), [(0.15, True), (0.075, False)])
 def test_modulation_deeper_than_in_the_healthy_baseline_is_new(depth, new):
     known = baseline_of([0.05, 0.06, 0.055, 0.06])
@@ -155,6 +156,7 @@ def test_modulation_deeper_than_in_the_healthy_baseline_is_new(depth, new):
     assert ("new: 5 to 6 % in the healthy baseline" if new else "as before: 5 to 6 % in the healthy") in said
 
 
+@pytest.mark.slow
 def test_service_compares_modulation_with_its_baseline():
     known = baseline_of([0.05, 0.06, 0.055, 0.06])
     _, assessment = step(rig(), State(), window(0.15, seed=9), Options(trace=False, baseline=known))

@@ -76,6 +76,7 @@ def only(w, kind, *words, rig=RIG):
     return one
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wander", [0.0, 0.003])
 def test_clean_window_has_no_mistake(wander):
     sensors = {"a1": vibration(wander=wander), "a2": 0.2 * vibration(wander=wander, seed=2) + G}
@@ -104,6 +105,7 @@ def test_level_that_no_gearbox_has_is_a_wrong_unit(factor, words):
     only(window({"a1": factor * vibration()}), "unit", *words)
 
 
+@pytest.mark.slow
 def test_one_sensor_a_thousand_times_the_others_is_a_wrong_unit():
     sensors = {"a1": vibration(), "a2": 0.5 * vibration(seed=2), "a3": 1e-3 * vibration(seed=3)}
     one = only(window(sensors), "unit", "mV or mg against V or g?")

@@ -106,6 +106,7 @@ def test_double_pulses_are_left_out_and_counted():
     assert error(found, edges) < 1e-6
 
 
+@pytest.mark.slow
 def test_gap_of_a_toothed_wheel_marks_the_turn_and_is_no_fault():
     edges = edges_of(speed=12.0, per_rev=60)
     place = np.arange(edges.size) % 60

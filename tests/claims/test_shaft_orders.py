@@ -80,6 +80,7 @@ def seen(made, speeds=(10.0, 10.4, 9.8, 10.1, 10.6, 9.7)):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ripple", [3, 2, 5])
 def test_sidebands_of_two_known_lines_are_not_content_and_are_where_nothing_is_known(ripple):
     mixed = (19 + ripple + GEAR_ORDER, 38 + ripple - GEAR_ORDER)

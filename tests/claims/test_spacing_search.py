@@ -42,6 +42,7 @@ def track():
     return angle_of(RIG, noise(0))
 
 
+@pytest.mark.slow
 def test_noise_has_a_spacing_as_rarely_as_stated():
     hits = [
         bool(unattributed_spacings(noise(seed).accelerations, track(), TEETH, SHAFTS).spacings) for seed in range(200)
@@ -49,6 +50,7 @@ def test_noise_has_a_spacing_as_rarely_as_stated():
     assert sum(hits) <= 6  # of 200 at 1 %: seven and more once in 250
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [("a",), ("a", "b", "c", "d")])
 def test_sidebands_are_found_near_the_stated_limit_on_one_channel_however_many_others_there_are(channels):
     limit = next(x for x in found(noise(5, channels)).limits if x.channel == "a" and x.harmonic == 2)

@@ -56,6 +56,7 @@ def stand_ins(count):
         )
 
 
+@pytest.mark.slow
 def test_what_a_first_user_tried_gives_no_depth_and_no_life_and_says_why():
     *_, report = answers(TRIED)
     assert report["status"]["level"] == "no_verdict"
@@ -67,6 +68,7 @@ def test_what_a_first_user_tried_gives_no_depth_and_no_life_and_says_why():
     assert found["depth_percent"] == pytest.approx(15, abs=4)  # it was left out because there is a rig file
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first_turn", [400, 5_000_000])
 def test_level_of_a_machine_that_was_not_recorded_when_new_is_preliminary_at_most(first_turn):
     assert not list(faults(StandIn(first_turn=first_turn, level=40.0, **SHORT), trace=False))

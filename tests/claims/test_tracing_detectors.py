@@ -60,6 +60,7 @@ def window(n: int, *, speed: float = 10.0, revolutions: float | None = None, **f
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", DETECTORS, ids=NAMES)
 def test_detector_runs_alone_and_finds_nothing_in_a_healthy_machine(detector):
     context = healthy()
@@ -69,6 +70,7 @@ def test_detector_runs_alone_and_finds_nothing_in_a_healthy_machine(detector):
     assert context.findings is NOTHING  # a detector changes nothing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("detector", DETECTORS, ids=NAMES)
 def test_detector_keeps_what_was_found_before_it(detector):
     tone = NonGearContent(modulated_by="gear")

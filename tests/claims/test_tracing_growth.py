@@ -99,6 +99,7 @@ def test_rate_of_a_ramp_is_recovered_within_its_standard_deviation():
     assert np.mean(np.abs(errors) < 2) > 0.8
 
 
+@pytest.mark.slow
 def test_constant_size_has_no_rate_and_no_second_change():
     wrong = 0
     for seed in range(200):
@@ -135,6 +136,7 @@ def test_drift_of_the_gain_is_found_on_a_structure_that_is_another_at_every_line
         assert gain_drift(quotients(0.0, seed=seed, foreign=foreign), 0.2) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", [0.0, 0.02])
 def test_constant_gain_does_not_drift(shared):
     alarms = sum(gain_drift(quotients(0.0, seed=seed, shared=shared), 0.2) is not None for seed in range(300))

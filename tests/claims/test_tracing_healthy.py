@@ -38,6 +38,7 @@ def test_traced_and_untraced_twin_say_the_same_to_the_bit():
     assert unjudged["verdict"] == "insufficient_data" and "held-out" in unjudged["reason"]
 
 
+@pytest.mark.slow
 def test_nothing_is_added_named_or_told_at_any_window():
     _, state, out = followed(True)
     for estimate in out:
@@ -48,6 +49,7 @@ def test_nothing_is_added_named_or_told_at_any_window():
     assert out[-1].report["tracing"]["held_out"]
 
 
+@pytest.mark.slow
 def test_untraced_twin_has_no_tracing_to_decide_on():
     rig, state, out = followed(False)
     assert "tracing" not in out[-1].report
@@ -55,6 +57,7 @@ def test_untraced_twin_has_no_tracing_to_decide_on():
         decide(rig, state, Decision(name="misalignment", verb="pin"))
 
 
+@pytest.mark.slow
 def test_effect_that_is_not_there_cannot_be_accepted_and_can_be_ruled_out():
     rig, state, _ = followed(True)
     with pytest.raises(NotAvailable, match="only an effect that was found can stay"):

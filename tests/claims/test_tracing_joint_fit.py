@@ -55,6 +55,7 @@ def test_depth_and_number_of_an_effect_are_recovered_from_what_the_twin_itself_p
     assert abs(found.phase) < 1e-3 and found.misfit < 0.01
 
 
+@pytest.mark.slow
 def test_fit_ends_where_no_step_promises_more_from_whatever_start():
     """Of lines that are off by as much as those of healthy machines: what is found does not depend on the start."""
     rng, friction = np.random.default_rng(3), TRIALS["tooth_friction"]

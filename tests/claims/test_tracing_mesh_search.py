@@ -69,6 +69,7 @@ def test_machine_with_wear_alone_has_nothing_added():
     assert found().found == () and found().base.misfit < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SIZES)
 def test_effect_that_is_there_is_found_with_its_size(name):
     findings = found(name)

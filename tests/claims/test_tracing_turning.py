@@ -12,11 +12,14 @@ from twin.effects import EFFECTS
 from twin.effects.response import solve_with
 from twin.features.window_features import MeasuredLines, WindowFeatures
 from twin.scales import Scales
+from twin.tracing.attribution import AttributedEffect
 from twin.tracing.beside_ripple import BesideRipple
 from twin.tracing.detectors.rattle import find_rattle
 from twin.tracing.detectors.shaft_forces import find_shaft_forces, run_out_of, tooth_errors_explain
 from twin.tracing.detectors.tooth_errors import find_pitch_errors
+from twin.tracing.findings import Findings
 from twin.tracing.shaft_lines import without_line, without_order
+from twin.tracing.shaft_remainder import shaft_lines
 
 PHASE = 0.7  # of the mesh against the encoder's zero [rad]
 RIPPLE = EFFECTS["torque_ripple"](amplitude=0.5, order=8.0, phase=0.4)
@@ -27,21 +30,21 @@ SCALES = Scales.of(RIG)
 UNWORN = [(CONDITION, model().unworn)] * 6
 
 
-def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
-    """Windows of a machine whose torque meter and accelerometer show an effect, in the encoder's angle."""
-    response = solve_with(model(), (effect,), model().unworn, condition, "pinion")
+def recorded(*effects, count=6, torque_scale=1.0, condition=CONDITION):
+    """Windows of a machine whose torque meter, accelerometer and encoders show effects, in the encoder's angle."""
+    response = solve_with(model(), effects, model().unworn, condition, "pinion")
     orders = np.arange(1.0, 11.0)
     rng = np.random.default_rng(3)
 
-    def lines(values, unit):
+    def lines(values, unit, noise=NOISE):
         turned = values * np.exp(1j * orders * PHASE / 19)
-        noisy = turned + NOISE * (rng.normal(size=10) + 1j * rng.normal(size=10))
+        noisy = turned + noise * (rng.normal(size=10) + 1j * rng.normal(size=10))
         return MeasuredLines(
             unit=unit,
             keys=tuple((0, int(p), 0) for p in orders),
             orders=tuple(orders.tolist()),
             amplitudes=tuple(noisy.tolist()),
-            std=(NOISE,) * 10,
+            std=(noise,) * 10,
         )
 
     return [
@@ -49,6 +52,7 @@ def recorded(effect, count=6, torque_scale=1.0, condition=CONDITION):
             start_time_ns=n, duration=5.0, quality="good", speed_hz=condition.speed_hz, revolutions=1e3 * n, rms=1.0,
             torque=lines(torque_scale * response.torque(orders), "N·m"),
             acceleration=lines(response.acceleration(orders), "m/s²"),
+            transmission_error=lines(response.transmission_error(orders), "m", 1e-8),
         )
         for n in range(count)
     ]  # fmt: skip
@@ -66,6 +70,26 @@ def test_ripple_is_found_with_its_order_size_and_phase():
 def test_torque_that_pitch_errors_make_is_theirs_and_three_times_as_much_is_not(order):
     assert tooth_errors_explain(model(), recorded(PITCH), UNWORN, (PITCH,), PHASE, order)
     assert not tooth_errors_explain(model(), recorded(PITCH, torque_scale=3.0), UNWORN, (PITCH,), PHASE, order)
+
+
+@pytest.mark.parametrize(
+    ("unbalance", "teeth"),
+    [
+        (0.02, EFFECTS["tooth_crack"](stiffness_loss=0.6, tooth=4)),
+        (0.008, EFFECTS["tooth_crack"](stiffness_loss=0.3, tooth=11)),
+        (0.02, PITCH),
+        (0.0, EFFECTS["tooth_crack"](stiffness_loss=0.6, tooth=4)),
+        (0.0, PITCH),
+    ],
+)
+def test_an_unbalance_beside_teeth_that_differ_stays_one_and_teeth_alone_make_none(unbalance, teeth):
+    heavy = EFFECTS["mass_unbalance"](pinion=unbalance, pinion_heavy_point=1.0)
+    windows = recorded(*((heavy, teeth) if unbalance else (teeth,)))
+    suspected = find_shaft_forces(model(), windows, [CONDITION] * 6, PHASE, SCALES)
+    differing = AttributedEffect.of(teeth, parameters={}, log_evidence=100.0)
+    findings = replace(Findings(), forces=tuple(suspected), effects=(differing,))
+    beside = findings.forces_beside_teeth(shaft_lines(model(), windows, SCALES))
+    assert [f.name for f in beside if f.channel == "acceleration"] == (["mass_unbalance"] if unbalance else [])
 
 
 @pytest.mark.parametrize("name", ["torque_ripple", "mass_unbalance"])

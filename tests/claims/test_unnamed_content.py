@@ -150,6 +150,7 @@ def test_teeth_that_differ_and_discs_with_errors_make_no_force(seed):
     assert found(made, seed=seed, disc=1.0) == ()
 
 
+@pytest.mark.slow
 def test_noise_alone_makes_no_force():
     assert [found({}, seed=seed, count=5) for seed in range(100)] == [()] * 100
 

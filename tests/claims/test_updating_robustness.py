@@ -91,6 +91,7 @@ def with_wear_coefficient(factor):
     return Rig.from_mapping(values)
 
 
+@pytest.mark.slow
 def test_machine_first_seen_worn_is_measured_without_an_unworn_window():
     check(scored(lambda windows: windows[4:]))
 

@@ -134,6 +134,7 @@ def test_wear_steps_converge_with_order_two():
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2, abs=0.35)
 
 
+@pytest.mark.slow
 def test_wear_under_a_light_load_ends_where_no_steady_state_lasts():
     """In short steps; the search along the branch of solutions once left the range of numbers there."""
     light = Condition(speed_hz=25.0, torque=3.0)

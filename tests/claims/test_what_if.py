@@ -34,6 +34,7 @@ def present(state, share=1.0):
     return state.latest.life.speed, state.latest.life.torque, share
 
 
+@pytest.mark.slow
 def test_present_duty_gives_the_stated_life(machine):
     rig, state = machine
     life = state.latest.life
@@ -62,6 +63,7 @@ def test_standing_part_of_the_time_is_no_part_of_a_duty_but_half_the_speed_doubl
     assert slower.quantile(0.5) == pytest.approx(state.latest.life.time.median / 0.96, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_more_load_shortens_the_life_and_widens_its_band_and_says_so(machine):
     rig, state = machine
     f, t, _ = present(state)

@@ -54,6 +54,7 @@ WAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 def test_windows_that_the_model_cannot_use_leave_no_verdict(way):
     rig, windows = recorded()

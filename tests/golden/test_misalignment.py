@@ -10,6 +10,7 @@ from tests.golden.misalignment import FILE, figures
 from tests.golden.pinned import pinned_and_now
 
 
+@pytest.mark.slow
 def test_rises_at_the_nominal_estimates_are_those_of_the_last_deliberate_change():
     pinned, now = pinned_and_now(FILE, figures())
     assert now.keys() == pinned.keys()

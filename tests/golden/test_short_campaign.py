@@ -10,6 +10,7 @@ from tests.golden.pinned import pinned_and_now
 from tests.golden.short_campaign import FILE, figures
 
 
+@pytest.mark.slow
 def test_figures_of_the_short_campaign_are_those_of_the_last_deliberate_change():
     pinned, now = pinned_and_now(FILE, figures())
     assert now.keys() == pinned.keys()

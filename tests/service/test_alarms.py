@@ -106,6 +106,7 @@ def wait_until(true, seconds=15.0):
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_alarm_is_raised_escalated_ended_and_closed_once_it_is_acknowledged(bench):
     for found in (HEALTHY, NEAR, WORN):
         bench.window(found)
@@ -405,6 +406,7 @@ def test_message_waits_for_an_address_that_is_down_and_is_sent_by_the_next_start
     again.store.close()
 
 
+@pytest.mark.slow
 def test_address_that_hangs_holds_up_neither_windows_nor_the_end(tmp_path, receiver):
     hanging = threading.Event()
     receiver.expect_request(HOOK).respond_with_handler(lambda request: hanging.wait(20) and None)
@@ -434,6 +436,7 @@ def test_message_that_cannot_be_delivered_for_days_is_given_up_and_counted(tmp_p
     bench.store.close()
 
 
+@pytest.mark.slow
 def test_a_message_that_is_announced_before_it_is_there_is_sent_soon_and_an_empty_outbox_is_asked_seldom(monkeypatch):
     """It is announced within the transaction that keeps it."""
     for name, seconds in (("LOOK_EVERY", 0.02), ("SAID", 0.5), ("LOOK_SELDOM", 60.0)):

@@ -32,6 +32,7 @@ def said(capsys, *arguments):
     return status, out, err
 
 
+@pytest.mark.slow
 def test_alarms_are_listed_acknowledged_and_cleared_by_name(worn, capsys):
     status, out, _ = said(capsys, "list", "--service", worn)
     assert status == 0 and "1  ALARM  unsw  depth, active, since 1970-01-01 00:00:00 UTC" in out

@@ -199,6 +199,7 @@ def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store,
         release.set()
 
 
+@pytest.mark.slow
 def test_decisions_that_wait_hold_no_thread(store, board):
     fakes.campaign(store, board)
     app = create_app(board, store, DecisionQueue(store))

@@ -70,6 +70,7 @@ def test_reader_without_an_id_gets_what_happens_from_now_on(address, store, boar
     assert len(got) == 4
 
 
+@pytest.mark.slow
 def test_more_events_than_one_page_are_all_told(address, store, board):
     for index in range(260):
         store.note("unsw", [("window", {"n": index}), ("rul", {})])
@@ -158,6 +159,7 @@ def test_open_reader_does_not_hold_the_service_up(store, board):
     assert got == [[]]
 
 
+@pytest.mark.slow
 def test_readers_that_vanish_leave_no_complaint_in_the_log(store, board, caplog):
     """A browser that is closed resets its connections, with events still to be sent."""
     for index in range(400):

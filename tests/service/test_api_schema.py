@@ -51,6 +51,7 @@ def described(target):
     return target.described(OWN)
 
 
+@pytest.mark.slow
 def test_every_operation_of_the_description_is_called_here(described):
     assert set(operations(described)) == {*OPERATIONS, *LONGER, EVENTS}
 
@@ -89,6 +90,7 @@ def test_request_against_the_description_is_refused_by_it(target, described, met
     call(target, OWN, described, method, path, GenerationMode.NEGATIVE, EXAMPLES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("caller", CALLERS[1:], ids=lambda caller: caller.name)
 @pytest.mark.parametrize(("method", "path"), [("GET", ASSET), ("POST", f"{ASSET}/inspections"), ("GET", "/v1/audit")])
 def test_callers_with_each_credential_are_answered_by_the_description(target, caller, method, path):

@@ -88,6 +88,7 @@ def request(running, method, path, data=None):
         return error.code, error.read().decode()
 
 
+@pytest.mark.slow
 def test_a_baseline_is_learned_from_windows_renewed_and_removed(running):
     assert running.get(f"{BENCH}/baseline") == {"own": False}
     status, answer = post(running, f"{BENCH}/baseline/learn", {"windows": [0, 1, 2], "by": "me", "note": "new gears"})
@@ -101,6 +102,7 @@ def test_a_baseline_is_learned_from_windows_renewed_and_removed(running):
     assert running.get(f"{BENCH}/baseline") == {"own": False}
 
 
+@pytest.mark.slow
 def test_a_baseline_that_was_learned_while_gears_were_replaced_is_not_used(tmp_path, monkeypatch):
     """The wear of the new gears was compared with the old ones as the healthy state."""
     data = with_windows(tmp_path / "data")
@@ -146,6 +148,7 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
         assert len(learn_from_windows("bench", [2, 3, 4], store, signals, life).readings) == 3
 
 
+@pytest.mark.slow
 def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
     signals, file = SignalStore(Service(data).folder / SIGNALS, 10**9), tmp_path / "first.baseline"
@@ -171,6 +174,7 @@ def test_a_baseline_that_waits_to_be_used_outlives_a_restart(tmp_path, each_stor
     assert waits.exists() and not unused.exists()
 
 
+@pytest.mark.slow
 def test_a_baseline_of_other_gears_is_refused_and_one_of_these_is_taken(running, tmp_path):
     own = [recording(tmp_path, f"h{i}", load=load, seed=i) for i, load in enumerate((0.1, 0.3, 0.5))]
     other = Rig.from_mapping({**RIG, "gears": {"pinion": {"teeth": 21}, "gear": {"teeth": 30}}})
@@ -186,6 +190,7 @@ def test_a_baseline_of_other_gears_is_refused_and_one_of_these_is_taken(running,
     assert len(list((running.folder / BASELINES).iterdir())) == 1  # what was refused is gone
 
 
+@pytest.mark.slow
 def test_the_command_learns_from_windows_and_says_what_it_suffices_for(running, capsys):
     url = ["--service", f"http://{running.http}"]
     assert run(["assets", "baseline", "bench", "--windows", "0-2,3", *url]) == 0
@@ -196,6 +201,7 @@ def test_the_command_learns_from_windows_and_says_what_it_suffices_for(running, 
     assert "no window number or range" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_baseline_outlives_a_restart_and_a_new_name(tmp_path):
     data = with_windows(tmp_path / "data")
     with serving(data, MemoryNetwork(), SqliteFile(data)) as running:
@@ -221,6 +227,7 @@ def healthy(tmp_path_factory):
     return folder / "healthy.baseline"
 
 
+@pytest.mark.slow
 def test_the_baseline_of_the_settings_holds_where_the_teeth_fit_alone(baselines, healthy):
     """A box with 23 and 57 teeth was asked which teeth were right: its own, or those of another machine's baseline."""
     shared = read_baseline(healthy)

@@ -82,6 +82,7 @@ def events(running, asset="unsw"):
 FIRST = [10, 610, 1210, 1810]
 
 
+@pytest.mark.slow
 def test_revolutions_that_fall_ask_whose_they_are_and_the_windows_wait(running, network, first, second):
     """They were mixed into the first machine's history, or refused one by one, while the status stayed `ok`."""
     state = asked(running, network, first, second)
@@ -95,6 +96,7 @@ def test_revolutions_that_fall_ask_whose_they_are_and_the_windows_wait(running, 
     assert [data["kind"] for kind, data in events(running) if kind == "question"] == ["count_fell"]
 
 
+@pytest.mark.slow
 def test_replaced_gears_begin_an_epoch_with_the_windows_that_waited(running, network, first, second):
     asked(running, network, first, second)
     status, answer = change(running, "gears_replaced", by="A. Fitter", note="pinion pitted")
@@ -116,6 +118,7 @@ def test_replaced_gears_begin_an_epoch_with_the_windows_that_waited(running, net
     assert kept["kind"] == "gears_replaced" and kept["by"] == "A. Fitter"
 
 
+@pytest.mark.slow
 def test_a_counter_that_was_reset_goes_on_from_the_sum(running, network, first, second):
     asked(running, network, first, second)
     assert change(running, "counter_reset")[0] == 201
@@ -137,6 +140,7 @@ def test_another_machine_is_an_asset_of_its_own_with_the_stream_from_then_on(run
     assert waiting(running) is None and revolutions(running.windows()) == FIRST
 
 
+@pytest.mark.slow
 def test_windows_that_are_ignored_are_listed_as_refused_and_nobody_is_asked_again(running, network, first, second):
     asked(running, network, first, second)
     assert change(running, "ignore")[0] == 201
@@ -175,6 +179,7 @@ def only_last(recording, out):
                 writer.write(frame.channel, frame.end_time_ns, encode(frame))
 
 
+@pytest.mark.slow
 def test_an_older_recording_of_another_machine_is_asked_about_too(running, network, first, second):
     """All its frames were dropped as late or duplicate, while the replay said `delivered` and the status `ok`."""
     send(network, second)
@@ -185,6 +190,7 @@ def test_an_older_recording_of_another_machine_is_asked_about_too(running, netwo
     assert revolutions(running.wait_for_windows(WINDOWS, "older")) == FIRST
 
 
+@pytest.mark.slow
 def test_a_rig_file_of_other_gears_is_asked_about_before_its_windows_are_used(running, network, first, tmp_path):
     """A second machine's rig file was ignored, and its windows evaluated with the gears of the first one."""
     send(network, first)
@@ -267,6 +273,7 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
 # -- names -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_renamed_asset_keeps_its_history_and_the_frames_of_its_old_name(running, network, first, tmp_path):
     send(network, first)
     running.wait_for_windows(WINDOWS)
@@ -300,6 +307,7 @@ def test_a_restart_knows_the_new_name_and_the_old_one(tmp_path, network, first):
         assert (signals / "press-7").is_dir() and not (signals / "unsw").exists()
 
 
+@pytest.mark.slow
 def test_frames_of_a_retired_asset_are_left_out_until_it_is_reinstated(running, network, first, second):
     send(network, first)
     running.wait_for_windows(WINDOWS)
@@ -314,6 +322,7 @@ def test_frames_of_a_retired_asset_are_left_out_until_it_is_reinstated(running, 
     assert running.get(UNSW)["retired"] is None
 
 
+@pytest.mark.slow
 def test_an_asset_is_created_with_its_rig_file_before_its_first_frame(running, network, first):
     rig = {"gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 52}}}
     status, answer = post(running, "/v1/assets", {"asset": "unsw", "rig": rig, "by": "me"})
@@ -324,6 +333,7 @@ def test_an_asset_is_created_with_its_rig_file_before_its_first_frame(running, n
     assert running.get(f"{UNSW}/rig") == rig  # not the one that the recording offers
 
 
+@pytest.mark.slow
 def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_received(tmp_path, network, first):
     """The depth of the new gears was entered for the old ones, and then forgotten with them."""
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
@@ -347,6 +357,7 @@ def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_recei
 # -- refusals --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["reassembled", "sensor_moved", "gears_replaced"])
 def test_an_alarm_by_learned_limits_ends_with_the_change_after_which_they_are_learned_anew(
     running, network, first, kind
@@ -380,6 +391,7 @@ def learned_and_raised(keeper, window):
         keeper.window("unsw", index, record, None, {"level": "ok", "reason": ""})
 
 
+@pytest.mark.slow
 def test_what_cannot_be_changed_is_refused_with_its_reason(running, network, first):
     send(network, first)
     running.wait_for_windows(WINDOWS)
@@ -402,6 +414,7 @@ def test_what_cannot_be_changed_is_refused_with_its_reason(running, network, fir
     assert status == 409 and "did you mean gears.module" in answer["detail"]
 
 
+@pytest.mark.slow
 def test_a_store_of_another_kind_knows_epochs_too(tmp_path, network, first, second):
     with serving(tmp_path, network, MemoryStore()) as running:
         asked(running, network, first, second)
@@ -413,6 +426,7 @@ def test_a_store_of_another_kind_knows_epochs_too(tmp_path, network, first, seco
 # -- command line ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_lists_the_question_and_answers_it(running, network, first, second, capsys, tmp_path):
     asked(running, network, first, second)
     url = f"http://{running.http}"
@@ -440,6 +454,7 @@ def test_the_command_lists_the_question_and_answers_it(running, network, first, 
     assert refused.count("\n") == 1 and "answers a question" in refused
 
 
+@pytest.mark.slow
 def test_a_recording_is_replayed_under_the_name_of_another_asset(running, network, first, tmp_path):
     replay(first, (), 0, publish_to=network.open_publisher, asset="bench-9")
     assert revolutions(running.wait_for_windows(WINDOWS, "bench-9")) == FIRST

@@ -142,6 +142,7 @@ def test_windows_that_wait_for_the_twin_stay_where_frames_of_passed_times_are_an
     assert running.get(UNSW)["question"] is None
 
 
+@pytest.mark.slow
 def test_a_window_in_progress_is_closed_where_frames_of_passed_times_are_another_machines(
     running, network, first, foreign
 ):
@@ -179,6 +180,7 @@ def test_a_question_that_ends_by_itself_lets_the_windows_go_on_that_waited(tmp_p
 # -- changes that meet -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, network, first):
     """They made an asset of the earlier name, without windows, and were lost to the renamed one."""
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
@@ -219,6 +221,7 @@ def test_what_is_submitted_while_an_asset_is_renamed_is_of_the_renamed_asset(tmp
 # -- a storage that fails in the midst of a change -------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_storage_that_fails_after_a_machine_was_told_apart_leaves_nothing_half_done(
     running, network, first, second, after_the_commit
 ):
@@ -231,6 +234,7 @@ def test_a_storage_that_fails_after_a_machine_was_told_apart_leaves_nothing_half
     wait_until(lambda: listed(running) == [("bench-2", WINDOWS, False), ("unsw", WINDOWS, False)])
 
 
+@pytest.mark.slow
 def test_a_storage_that_fails_after_gears_were_replaced_does_not_keep_the_earlier_gears(
     tmp_path, network, first, after_the_commit, monkeypatch
 ):
@@ -257,6 +261,7 @@ def test_a_storage_that_fails_after_gears_were_replaced_does_not_keep_the_earlie
     assert used == [0.020] * WINDOWS + [0.025] * WINDOWS
 
 
+@pytest.mark.slow
 def test_an_asset_whose_signals_cannot_be_moved_has_its_new_name_all_the_same(running, network, first, monkeypatch):
     """The list showed both names, the new one without its windows."""
 

@@ -82,6 +82,7 @@ def place(kind, data, request):
     return data / DATABASE if kind == "sqlite" else request.getfixturevalue("postgresql")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "to"), [("sqlite", "sqlite"), ("sqlite", "postgresql"), ("postgresql", "sqlite")])
 def test_backup_brings_everything_back_also_into_the_other_kind_of_database(kind, to, data, tmp_path, request):
     where = place(kind, data, request)
@@ -102,6 +103,7 @@ def test_backup_brings_everything_back_also_into_the_other_kind_of_database(kind
         assert store.add_decision("unsw", "x", "pin") > store.decisions("unsw")[0].id
 
 
+@pytest.mark.slow
 def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
     where = data / DATABASE
     fill(data, where)
@@ -197,6 +199,7 @@ def test_backup_of_a_damaged_database_is_refused(data, tmp_path):
 # -- the commands ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_commands_back_up_and_restore_while_a_service_has_the_directory(data, tmp_path, capsys):
     fill(data, data / DATABASE)
     with only_service_of(data):
@@ -248,6 +251,7 @@ def test_check_knows_no_trouble_with_either_kind(where, data, capsys, monkeypatc
     assert "nothing is wrong" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_results_are_exported_by_asset_and_time(data, tmp_path, capsys):
     fill(data, data / DATABASE)
     out = tmp_path / "out.csv"

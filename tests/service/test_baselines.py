@@ -59,6 +59,7 @@ def file(folder, healthy):
     return path
 
 
+@pytest.mark.slow
 def test_every_command_cuts_a_recording_into_the_windows_that_the_settings_say(healthy, tmp_path, monkeypatch):
     from service.cli.assessing import windowing
     from service.runtime.assess import assess
@@ -74,6 +75,7 @@ def test_every_command_cuts_a_recording_into_the_windows_that_the_settings_say(h
     assert len(json.loads(out.read_text())["windows"]) == len(assessed)
 
 
+@pytest.mark.slow
 def test_baseline_file_gives_the_baseline_back_whole(file, healthy):
     made, read = learned(healthy), read_baseline(file)
     assert described(made) == described(read)
@@ -86,6 +88,7 @@ def test_baseline_file_gives_the_baseline_back_whole(file, healthy):
             assert (channel.off.clipped, channel.off.constant) == (other.off.clipped, other.off.constant)
 
 
+@pytest.mark.slow
 def test_fault_is_named_with_errors_and_without_wear(folder, file, capsys):
     fault = recording(folder, "fault", pulse=2.0)
     given = ["--json", str(folder / "fault.json"), "--out", str(folder / "fault.html")]
@@ -108,6 +111,7 @@ def test_healthy_recording_at_another_load_has_no_effect(folder, file, capsys):
     assert "no effect was added" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_modulation_of_an_unknown_shaft_is_said_without_a_baseline(folder, capsys):
     path = recording(folder, "modulated", foreign=0.3961, seconds=9.0)
     given = ["--json", str(folder / "modulated.json"), "--out", str(folder / "modulated.html")]

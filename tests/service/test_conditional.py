@@ -14,6 +14,7 @@ from service.json_text import JsonText
 VALUES = st.dictionaries(st.text(), st.floats(allow_nan=False, allow_infinity=False) | st.text() | st.none())
 
 
+@pytest.mark.slow
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(kept=st.lists(VALUES, max_size=4), other=VALUES, mixed=st.booleans())
 def test_texts_of_the_store_are_passed_on_among_other_content(kept, other, mixed):

@@ -35,6 +35,7 @@ def served(address, store, board):
     return address
 
 
+@pytest.mark.slow
 def test_commands_take_a_key_as_option_or_variable_and_never_print_it(served, keys, capsys, monkeypatch):
     key = keys.add("reader", Role.read)
     for command in (["effects", "list"], ["alarms", "list"], ["assets", "list"]):
@@ -87,6 +88,7 @@ def test_event_stream_ends_when_its_key_is_revoked(served, keys, monkeypatch):
     assert ended.wait(20)
 
 
+@pytest.mark.slow
 def test_page_asks_for_a_key_and_signs_in_and_out(open_page, served, keys):
     key = keys.add("ann", Role.read)
     page = open_page("/", allowed="the server responded with a status of 401")

@@ -65,6 +65,7 @@ def figures(answer):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [1e6, 300.0, 3e38])
 def test_one_damaged_torque_sample_changes_neither_depth_nor_life(tmp_path, sound, value):
     answer = judged(damaged(tmp_path / "spike.mcap", "torque/pinion", one(value)))
@@ -75,6 +76,7 @@ def test_one_damaged_torque_sample_changes_neither_depth_nor_life(tmp_path, soun
     assert answer["windows"][DAMAGED]["quality"] == "repaired"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [1e5, 3e38])
 def test_one_damaged_acceleration_sample_changes_neither_level_nor_depth(tmp_path, sound, value):
     answer = judged(damaged(tmp_path / "spike.mcap", "accel/y6", one(value)))
@@ -83,6 +85,7 @@ def test_one_damaged_acceleration_sample_changes_neither_level_nor_depth(tmp_pat
     assert level == pytest.approx(sound["windows"][DAMAGED]["rms_measured"], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_torque_of_another_unit_degrades_the_window_and_does_not_update_the_twin(tmp_path, sound):
     answer = judged(damaged(tmp_path / "unit.mcap", "torque/pinion", lambda values, _: 100 * values))
     record = answer["windows"][DAMAGED]
@@ -96,6 +99,7 @@ def test_a_torque_of_another_unit_degrades_the_window_and_does_not_update_the_tw
     assert whole["p95"] == pytest.approx(life["p95"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_range_in_the_rig_file_finds_what_lasts_for_several_samples(tmp_path):
     with Recording(SHORT) as source:
         rig = source.rig_text.decode().replace("[sensors]", "[sensors.ranges]\naccel = 500.0\ntorque = 50.0\n[sensors]")
@@ -111,6 +115,7 @@ def test_a_range_in_the_rig_file_finds_what_lasts_for_several_samples(tmp_path):
     assert "outside [-55, 55] N·m" in faults[0]["detail"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "rest"), [("torque/pinion", np.nan), ("torque/pinion", 0.0), ("accel/y6", -3e38), ("accel/y6", np.nan)]
 )

@@ -93,6 +93,7 @@ def test_totals_of_faults_add_up(each_store):
 # -- a server that goes away ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_server_that_was_set_up_without_a_locale_keeps_names_as_they_are(postgresql_server):
     with postgresql_server.new_database("SQL_ASCII") as url, SqlStore(url) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
@@ -163,6 +164,7 @@ def test_commit_that_was_not_answered_is_found_out(postgresql, postgresql_server
         assert fakes.take(store, None, "unsw", 1, 200.0)
 
 
+@pytest.mark.slow
 def test_commit_that_a_crash_has_undone_is_not_taken_for_that_of_another_transaction(
     postgresql, postgresql_server, monkeypatch
 ):

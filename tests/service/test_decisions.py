@@ -63,6 +63,7 @@ def counted(running: Service) -> float:
     return 1e6 * effect["parameters"]["lead_gap"]["value"]
 
 
+@pytest.mark.slow
 def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, recording):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)
@@ -83,6 +84,7 @@ def test_decision_is_done_when_it_is_answered_and_its_event_follows(tmp_path, re
         assert told == [("pin", "Anna", "measured"), ("reject", None, None)]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_decided_is_refused_with_its_reason(tmp_path, recording):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)
@@ -260,6 +262,7 @@ def test_effects_command_lists_and_decides(tmp_path, recording):
     assert gone.returncode == 2 and "no service answers at this address" in gone.stderr
 
 
+@pytest.mark.slow
 def test_asset_must_be_named_where_there_are_several(capsys, address, store, board):
     def refused(*given):
         assert run(["effects", *given, "--url", address]) == 2

@@ -38,6 +38,7 @@ def show(said):
     return Console(file=said, width=120, color_system=None)
 
 
+@pytest.mark.slow
 def test_demo_replays_sums_up_and_ends_with_status_0(tmp_path, said):
     recording = write_recording(tmp_path / "short.mcap", 4)
     status = run(here(), exit_after=True, recordings=[recording], console=show(said), command=FAKE)
@@ -57,6 +58,7 @@ def test_demo_waits_for_the_windows_that_its_settings_make(tmp_path, said):
     assert status == 0 and f"{expected}/{expected} windows" in said.getvalue(), said.getvalue()
 
 
+@pytest.mark.slow
 def test_demo_of_a_machine_whose_wear_is_not_available_fails_and_says_why(tmp_path, said):
     recording = write_recording(tmp_path / "bare.mcap", 2, rig=None)
     status = run(here(), exit_after=True, recordings=[recording], console=show(said), command=FAKE)
@@ -116,6 +118,7 @@ def test_terminated_demo_takes_its_service_with_it(tmp_path, said):
         urllib.request.urlopen(f"http://{http}/healthz", timeout=10)
 
 
+@pytest.mark.slow
 def test_demo_prints_the_address_of_the_page_before_it_replays(tmp_path, said):
     recordings = [write_recording(tmp_path / f"{name}.mcap", 2, asset=name) for name in ("healthy", "faulty")]
     assert run(here(), exit_after=True, recordings=recordings, console=show(said), command=FAKE) == 0

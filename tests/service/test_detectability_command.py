@@ -19,6 +19,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_wrong_options_are_one_clear_error(tmp_path: Path):
     wrong = run("detectability", str(RIG), "--without", "encoder/third")
     assert wrong.returncode == 2 and "must be one of torque, encoder/pinion, encoder/gear" in wrong.stderr

@@ -189,6 +189,7 @@ def test_table_has_a_row_an_effect(answer):
     assert effect_table(answer["effects"], "effects").row_count == 2
 
 
+@pytest.mark.slow
 def test_diagnose_command_reads_the_json_of_an_assess(answer, tmp_path):
     source, out = tmp_path / "answer.json", tmp_path / "diagnosis.html"
     source.write_text(json.dumps(answer))

@@ -57,6 +57,7 @@ def test_a_sound_recording_has_no_problem():
     assert level_of(found, "mesh frequency") == OK
 
 
+@pytest.mark.slow
 def test_the_command_prints_channels_findings_and_abilities():
     run = CliRunner().invoke(app, ["doctor", str(SHORT)])
     assert run.exit_code == 0, run.output

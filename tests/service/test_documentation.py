@@ -30,6 +30,7 @@ def texts() -> list:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("text", texts())
 def test_the_commands_of_a_page_run_and_print_what_it_shows(text, tmp_path):
@@ -90,6 +91,7 @@ def test_the_commands_of_all_pages_are_valid_shell():
             assert checked.returncode == 0, f"{name_of(page)}: {checked.stderr}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", reference.TABLES)
 def test_the_tables_of_the_reference_are_those_of_the_code(name):
     command = f"python -m benchmarks.reference {name}"

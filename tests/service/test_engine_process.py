@@ -70,6 +70,7 @@ def begun(tmp_path, lost=lambda: False):
     return EngineProcess(partial(FakeEngine, tmp_path / "left"), Settings(data=tmp_path), lost)
 
 
+@pytest.mark.slow
 def test_it_answers_from_another_process_and_goes_on_after_errors(tmp_path):
     engine = begun(tmp_path)
     engine.place()
@@ -88,6 +89,7 @@ def test_it_answers_from_another_process_and_goes_on_after_errors(tmp_path):
     assert not process.is_running() and (tmp_path / "left").read_text() == "left"
 
 
+@pytest.mark.slow
 def test_a_call_that_waits_for_a_head_that_is_gone_ends_with_its_process(tmp_path):
     """`fleet up` once waited in such a call for a minute, and was then ended by Ray."""
     gone = threading.Event()
@@ -102,6 +104,7 @@ def test_a_call_that_waits_for_a_head_that_is_gone_ends_with_its_process(tmp_pat
     engine.close()
 
 
+@pytest.mark.slow
 def test_a_process_that_ray_has_ended_is_an_engine_that_was_lost(tmp_path):
     engine = begun(tmp_path)
     with pytest.raises(EngineLost, match="has ended"):
@@ -109,11 +112,13 @@ def test_a_process_that_ray_has_ended_is_an_engine_that_was_lost(tmp_path):
     assert not engine.is_alive
 
 
+@pytest.mark.slow
 def test_an_engine_that_is_not_reached_is_said(tmp_path):
     with pytest.raises(DeliveryError, match=r"the engine at 127\.0\.0\.1:1 cannot be reached: nobody is there"):
         EngineProcess(not_reached, Settings(data=tmp_path), lambda: False)
 
 
+@pytest.mark.slow
 def test_it_ends_when_fleet_up_has_been_killed(tmp_path):
     code = (
         "import os, time\n"

@@ -47,6 +47,7 @@ from service.steady_clock import later_time_ns
 BROKEN = "raise ImportError('the kernels of this folder cannot be loaded')\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lying", ["checkout", "random.py", "numpy/__init__.py"])
 def test_workers_take_the_modules_of_the_service_whatever_lies_where_it_is_started(tmp_path, monkeypatch, lying):
     if lying == "checkout":
@@ -100,6 +101,7 @@ def serving(folder):
         process.wait(20)
 
 
+@pytest.mark.slow
 def test_a_service_none_of_whose_workers_lives_is_not_ready_and_says_why_wherever_it_is_asked(tmp_path, capsys):
     recording = write_recording(tmp_path / "a.mcap", windows=2)
     (tmp_path / "program").mkdir()
@@ -167,6 +169,7 @@ def test_commands_and_the_client_ask_a_service_directly_whatever_proxy_is_named(
     assert proxy == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [{}, {"NO_PROXY": "example.org"}, {"no_proxy": "*"}])
 def test_webhooks_and_whatever_else_reads_the_environment_reach_this_computer_directly(proxy, given):
     """In a process of its own, as the variables are read where the program begins."""
@@ -315,6 +318,7 @@ def test_what_was_asked_before_the_clock_was_set_back_is_carried_out_before_what
     assert order == ["decision", "change"]
 
 
+@pytest.mark.slow
 def test_frames_of_now_are_used_at_their_own_times_when_the_clock_of_the_service_is_set_back(tmp_path, stepped):
     late = time.time() - 1_700_000_000 - 3600
     recording, network = write_recording(tmp_path / "now.mcap", windows=3, later=late), MemoryNetwork()

@@ -60,6 +60,7 @@ def test_the_example_prints_its_table_and_writes_page_and_numbers(capsys, coarse
         assert title in page, title
 
 
+@pytest.mark.slow
 def test_the_example_prints_its_numbers_alone_where_asked(capsys, coarse):
     assert run(["example", "misalignment", "--json", "-"]) == 0
     answer = json.loads(capsys.readouterr().out)

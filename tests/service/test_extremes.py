@@ -50,6 +50,7 @@ def store(each_store):
     return each_store
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [8, 50, 100, 333, 1000])
 def test_no_peak_of_a_thinned_history_is_left_out(store, most):
     records = noise()
@@ -78,6 +79,7 @@ def test_all_windows_are_shown_where_there_are_no_more_than_asked_for(store):
     assert store.outline("unknown", 10) == ()
 
 
+@pytest.mark.slow
 def test_a_spike_is_in_the_trend_that_the_page_draws(store):
     records = [found | {"indicators": None} for found in noise(900)]
     records[777]["rms_measured"] = 50.0
@@ -123,6 +125,7 @@ def test_values_that_are_no_numbers_are_no_extremes():
     assert extremes_of({"rms_measured": None}) is None
 
 
+@pytest.mark.slow
 def test_as_many_rows_are_read_of_a_long_history_as_of_a_short_one(store, monkeypatch):
     filled(store, noise())
     read = []
@@ -134,6 +137,7 @@ def test_as_many_rows_are_read_of_a_long_history_as_of_a_short_one(store, monkey
         assert sum(read) <= 100 + 106 + 40 + FAN_OUT * 100 / 4
 
 
+@pytest.mark.slow
 def test_a_spike_stays_when_a_history_is_thinned_by_retention_and_goes_with_what_is_dropped(store):
     records = noise()
     records[333]["rms_measured"] = 50.0
@@ -153,6 +157,7 @@ def test_a_spike_stays_when_a_history_is_thinned_by_retention_and_goes_with_what
     assert max(indices(store.outline("unsw", 20))) == COUNT - 1
 
 
+@pytest.mark.slow
 def test_a_database_of_the_revision_before_gets_the_extremes_of_its_windows(store):
     records = noise(700)
     records[5].update(quality="refused", rms_measured=99.0)

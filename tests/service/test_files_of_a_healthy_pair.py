@@ -59,12 +59,14 @@ def by_its_script(shared, folder, case):
 TACHOMETERS = ("k05-control-triangle", "k05-ttl-tacho-constant", "k05-ttl-tacho-ramp", "k05-steep-but-not-square")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TACHOMETERS)
 def test_a_tachometer_read_from_samples_makes_no_finding_in_the_reference_cases(shared, tmp_path, monkeypatch, case):
     by_its_script(shared, tmp_path, case)
     check_healthy(answered(tmp_path, monkeypatch))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("machine", "flank"), [
     ({"rate": 5120.0, "speed": 24.47}, 0.0),
     ({"rate": 8192.0, "speed": 19.37, "ramp": 0.02}, 0.0),
@@ -81,6 +83,7 @@ def check_drift_is_said(said):
     assert [f["kind"] for f in said["windows"][0]["faults"]] == ["drift"]
 
 
+@pytest.mark.slow
 def test_a_sensor_that_settles_is_said_and_its_level_is_that_of_the_vibration_in_the_reference_case(
     shared, tmp_path, monkeypatch
 ):
@@ -88,6 +91,7 @@ def test_a_sensor_that_settles_is_said_and_its_level_is_that_of_the_vibration_in
     check_drift_is_said(answered(tmp_path, monkeypatch))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift", [
     lambda t: -8.0 * np.exp(-t / 0.8), lambda t: 0.3 * t, lambda t: 3.0 * np.exp(-t / 6.0),
 ], ids=["from below", "warming up", "slowly"])  # fmt: skip

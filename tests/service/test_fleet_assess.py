@@ -67,6 +67,7 @@ def of_one(path):
     return recording
 
 
+@pytest.mark.slow
 def test_a_result_is_the_answer_of_assess_and_is_made_once(recordings, tmp_path):
     path, marks = recordings / "machine03.mcap", tmp_path / "marks"
     done = work(tmp_path / "results", twin=marked(marks))
@@ -76,6 +77,7 @@ def test_a_result_is_the_answer_of_assess_and_is_made_once(recordings, tmp_path)
     assert len(marks.read_text().splitlines()) == WINDOWS
 
 
+@pytest.mark.slow
 def test_another_content_option_or_version_is_assessed_again(recordings, tmp_path, monkeypatch):
     path = tmp_path / "a.mcap"
     shutil.copy(recordings / "machine00.mcap", path)

@@ -24,6 +24,8 @@ from service.results.sql_store import SqlStore
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
+pytestmark = pytest.mark.slow
+
 
 def test_an_asset_belongs_to_the_same_partition_everywhere():
     assert [partition_of(name, 16) for name in ("unsw", "press-1", "plant.line.gb7")] == [8, 15, 11]

@@ -17,6 +17,8 @@ from service.errors import StoreError
 from service.fleet.layout import partition_of, schema_of
 from service.runtime.replay import replay
 
+pytestmark = pytest.mark.slow
+
 UNSW = "/v1/assets/unsw"
 get, post = partial(httpx.get, timeout=60), partial(httpx.post, timeout=60)
 WINDOWS = 6

@@ -45,6 +45,7 @@ def test_a_cluster_of_several_hosts_is_joined_as_its_own_environment_says(plain,
     assert not {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH", "RAY_health_check_period_ms"} & set(given)
 
 
+@pytest.mark.slow
 def test_the_router_routes_until_it_is_ended():
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = [sys.executable, "-m", "service", "fleet", "router", "--listen", endpoint]

@@ -52,6 +52,7 @@ def median_of(call, times=9):
     return statistics.median(took)
 
 
+@pytest.mark.slow
 def test_pages_of_ten_thousand_assets_take_milliseconds(board):
     names, after, last, pages = [], None, None, 0
     while pages == 0 or after is not None:

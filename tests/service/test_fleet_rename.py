@@ -94,6 +94,7 @@ def halting(frames):
 # -- workers and front ends ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path, fleet, tables, capsys):
     first, second, third = (write_recording(tmp_path / f"{n}.mcap", n) for n in (2, 3, 4))  # each goes on from the last
     with (

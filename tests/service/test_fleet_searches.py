@@ -91,6 +91,7 @@ def searched(path):
     return path.read_text(encoding="utf-8").split() if path.exists() else []
 
 
+@pytest.mark.slow
 def test_other_assets_do_not_wait_for_a_search_and_its_own_asset_does(given, tmp_path):
     marks = tmp_path / "marks"
     given.ask("a", f"searches {marks}")
@@ -261,6 +262,7 @@ def curves(*names, new=()):
     return Curves(names=frozenset(names), new=tuple((name, f"points of {name}".encode()) for name in new))
 
 
+@pytest.mark.slow
 def test_curves_that_are_no_longer_used_go_and_those_of_other_assets_stay(fleet):
     begin(fleet, "a", "b")
     stored, writer = StoredCurves(fleet), CurveWriter(fleet)
@@ -294,6 +296,7 @@ def test_a_database_that_is_away_costs_a_look_and_no_more(monkeypatch):
     assert stored.read("a", "one") is None and not asked
 
 
+@pytest.mark.slow
 def test_an_asset_that_is_removed_takes_its_curves_along(fleet):
     begin(fleet, "gone")
     stored, writer = StoredCurves(fleet), CurveWriter(fleet)
@@ -306,6 +309,7 @@ def test_an_asset_that_is_removed_takes_its_curves_along(fleet):
     writer.end()
 
 
+@pytest.mark.slow
 def test_curves_that_waited_while_their_asset_was_renamed_are_not_written_under_its_former_name(fleet):
     """They were never deleted: no asset has that name again."""
     begin(fleet, "unsw")
@@ -326,6 +330,7 @@ def test_curves_that_waited_while_their_asset_was_renamed_are_not_written_under_
     assert stored.read("press-7", "three") == b"points of three"
 
 
+@pytest.mark.slow
 def test_curves_that_are_being_written_while_their_asset_is_renamed_are_renamed_with_it(fleet, monkeypatch):
     begin(fleet, "unsw")
     stored, writer, execute = StoredCurves(fleet), CurveWriter(fleet), sa.Connection.execute

@@ -23,6 +23,8 @@ from service.results.schema import REVISION
 from service.results.sql_store import SqlStore
 from service.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 OWN = partition_of("unsw", PARTITIONS)
 EARLIER = f"{int(REVISION) - 1:04d}"
 

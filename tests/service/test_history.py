@@ -87,6 +87,7 @@ def long(history):
     return history[1]
 
 
+@pytest.mark.slow
 def test_asset_carries_its_latest_windows_and_says_how_many_there_are(store, long):
     whole = Client(create_app(long, store)).get("/v1/assets/unsw").json()
     assert [w["index"] for w in whole["windows"]] == list(range(LONG - TAIL, LONG))

@@ -142,6 +142,7 @@ def test_every_answer_says_what_browsers_may_do_with_it(app):
 # -- bodies --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("announced", [True, False])
 def test_large_body_is_refused_without_being_read(app, announced):
     sent = 0
@@ -263,6 +264,7 @@ def test_slow_request_is_ended_in_time_and_others_are_served(app, part):
         assert before.protocol.slow == 1
 
 
+@pytest.mark.slow
 def test_client_that_does_not_read_is_ended(app):
     with front(app) as (port, before), socket.socket() as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -368,6 +370,7 @@ with listening_at("127.0.0.1", 0, None) as listening:
 """
 
 
+@pytest.mark.slow
 def test_descriptors_that_run_out_cost_neither_log_nor_processor():
     """Without a gate, so that they do run out: 32 MB of log in 99 s was written before."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

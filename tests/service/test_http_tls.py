@@ -90,6 +90,7 @@ def test_clients_are_known_by_their_certificates(store, board, tmp_path, authori
         bare.get(f"https://127.0.0.1:{port}/healthz")
 
 
+@pytest.mark.slow
 def test_commands_and_the_python_client_show_their_certificate(store, board, tmp_path, authority, capsys, monkeypatch):
     fakes.campaign(store, board)
     app = create_app(board, store, access=Access(KeyStore(tmp_path / "keys"), certificates={"historian": Role.read}))

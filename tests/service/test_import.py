@@ -79,6 +79,7 @@ def bench(tmp_path):
     return mapping
 
 
+@pytest.mark.slow
 def test_columns_become_a_recording_in_the_units_of_the_contract(bench):
     seen = []
     out = bench.folder / "out.mcap"

@@ -142,6 +142,7 @@ def used_machine(tmp_path, age):
     return json.loads((tmp_path / "answer.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("age", ["", 'age = "5000 rev"\n', 'age = "unknown"\n'])
 def test_a_used_gearbox_is_not_taken_for_new(tmp_path, age):
     answer = used_machine(tmp_path, age)

@@ -209,6 +209,7 @@ def test_a_message_shows_what_the_file_has_and_no_word_of_python(tmp_path, capsy
     assert said in error and "None" not in error and "datetime" not in error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "band"), [(1000.0, [0, 450]), (2000.0, [0, 900]), (5120.0, None)])
 def test_a_file_of_a_low_rate_has_the_levels_that_import_promises(tmp_path, monkeypatch, capsys, rate, band):
     monkeypatch.chdir(tmp_path)

@@ -212,6 +212,7 @@ def test_a_format_whose_library_is_not_installed_says_what_to_install(form, tmp_
         read_table(path)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("form", readers.FORMATS, ids=lambda f: f.name)
 def test_a_broken_file_is_one_line_that_names_the_file_and_its_format(form, tmp_path):

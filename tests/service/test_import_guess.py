@@ -52,6 +52,7 @@ def column(name, values, unit="", **more):
 TIME = column("Time (s)", T, "s")
 
 
+@pytest.mark.slow
 def test_own_csv_is_understood_and_diagnosed_in_two_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration(), "Tacho (V)": tacho()})
@@ -72,6 +73,7 @@ def test_own_csv_is_understood_and_diagnosed_in_two_commands(tmp_path, monkeypat
     assert "run-out or eccentricity of the pinion" in said
 
 
+@pytest.mark.slow
 def test_guess_alone_writes_the_mapping_and_no_recording(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration()})
@@ -142,6 +144,7 @@ def test_of_two_tachometers_the_faster_is_the_pinions():
     assert found == {"Time (s)": "time", "t1x": "tachometer/gear", "t2x": "tachometer/pinion"}
 
 
+@pytest.mark.slow
 def test_the_first_accelerometer_becomes_the_reference_of_a_rig_file_of_init(tmp_path, monkeypatch, capsys):
     """The guess was refused: "rig.sensors.accelerometer = 'y6' must be one of the accelerometers"."""
     monkeypatch.chdir(tmp_path)
@@ -178,6 +181,7 @@ def test_rate_that_is_stated_and_contradicted_is_refused_on_import(tmp_path, mon
     assert "file.sample_rate_hz = 25600 Hz, but the times of 'Time (s)' give 12800 Hz" in said
 
 
+@pytest.mark.slow
 def test_file_without_time_or_rate_asks_for_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write("own.csv", **{"a": vibration()})
@@ -209,6 +213,7 @@ def test_two_times_that_contradict_are_refused():
         becomes([column("Time (s)", np.concatenate((T[:100], T[:100])), "s"), column("a", np.ones(200))])
 
 
+@pytest.mark.slow
 def test_likely_mistakes_are_named_when_a_file_is_imported(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration() + 1, "Tacho (V)": tacho()})
@@ -223,6 +228,7 @@ def test_likely_mistakes_are_named_when_a_file_is_imported(tmp_path, monkeypatch
     assert "no mesh line at 29 teeth × 24.6 Hz" in said and "23 teeth" in said
 
 
+@pytest.mark.slow
 def test_mapping_of_the_tutorial_is_what_the_guess_writes(tmp_path, monkeypatch):
     made = runpy.run_path("docs/examples/machine.py")
     expected = Path("docs/examples/mapping.toml").read_text()
@@ -233,6 +239,7 @@ def test_mapping_of_the_tutorial_is_what_the_guess_writes(tmp_path, monkeypatch)
     assert (tmp_path / "mapping.toml").read_text() == expected
 
 
+@pytest.mark.slow
 def test_clipped_samples_of_an_imported_file_are_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write("own.csv", **{"Time (s)": T, "Acc1 (g)": vibration().clip(-0.7, 0.7), "Tacho (V)": tacho()})

@@ -51,6 +51,7 @@ def test_the_rate_of_printed_times_is_that_of_whole_ticks(tmp_path, rate, digits
     assert not any(axis.missing for axis in found.axes)
 
 
+@pytest.mark.slow
 def test_times_of_six_digits_lose_no_rate_where_they_grow_long(tmp_path):
     t, x, tacho = gear(1652.0, 130.0)
     found = guessed(csv(tmp_path / "a.csv", [f"{s:.6g}" for s in t], "time", x, tacho))

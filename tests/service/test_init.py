@@ -237,6 +237,7 @@ def test_questions_are_asked_and_a_wrong_answer_is_asked_again(tmp_path):
     assert answer["without_model"] == []
 
 
+@pytest.mark.slow
 def test_a_csv_file_with_a_tachometer_gets_in_with_the_files_that_init_writes(tmp_path):
     """The tutorial's machine: from answers to an assessment that claims neither depth nor life without saying so."""
     spec = importlib.util.spec_from_file_location("machine", EXAMPLE.parent / "machine.py")

@@ -38,6 +38,7 @@ def used(running: Service) -> float:
     return wear["k_wear_per_n"] if "inspections" in wear else 0.0
 
 
+@pytest.mark.slow
 def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path, recording):
     with service(tmp_path) as running:
         replay(recording, [running.endpoint], 0)
@@ -90,6 +91,7 @@ def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(t
         running.end(signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_machine_whose_depth_comes_from_a_relation_is_told_where_the_inspection_belongs():
     after = {"wear": {"method": "level", "max_depth_um": {"combined": fakes.band(30.0, 0.2)}}}
     assert outcome_of(GIVEN, None, after) == {

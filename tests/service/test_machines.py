@@ -52,6 +52,7 @@ def assert_no_wear_is_invented(answer):
         assert window["updated"] is False
 
 
+@pytest.mark.slow
 def test_two_encoders_alone_are_answered_by_a_running_service(tmp_path):
     recording, _ = imported(tmp_path, *counts(1))
     with service(tmp_path / "data", idle_timeout=IDLE) as (endpoint, address, _):
@@ -112,6 +113,7 @@ def test_measured_broken_tooth_is_told_from_its_baseline_by_a_running_service(br
     assert "pair" not in answer and answer["baseline"]["window"]["same_teeth"] is True
 
 
+@pytest.mark.slow
 def test_depth_by_a_relation_of_levels_is_given_by_a_running_service(tmp_path):
     recording = accelerations(tmp_path, "some", load=0.3, seed=1)
     level = float(np.std(machine(0.3, 1).accelerations["a"].values))

@@ -167,6 +167,7 @@ SqlStore(Path(sys.argv[1]))
 """
 
 
+@pytest.mark.slow
 def test_migration_that_is_killed_leaves_the_file_as_it_was(path, tmp_path):
     before = tmp_path / "before.sqlite"
     before.write_bytes(OLD)
@@ -177,6 +178,7 @@ def test_migration_that_is_killed_leaves_the_file_as_it_was(path, tmp_path):
         assert store.assets() == ASSETS
 
 
+@pytest.mark.slow
 def test_database_of_a_newer_program_is_refused_whichever_it_is(where):
     SqlStore(where).close()
     engine = backend_of(where).for_migration()
@@ -187,6 +189,7 @@ def test_database_of_a_newer_program_is_refused_whichever_it_is(where):
         SqlStore(where)
 
 
+@pytest.mark.slow
 def test_tables_are_those_that_the_program_works_with(where):
     SqlStore(where).close()
     engine = backend_of(where).for_migration()
@@ -209,6 +212,7 @@ def test_program_works_with_the_newest_revision():
     assert script.get_heads() == [REVISION]
 
 
+@pytest.mark.slow
 def test_postgresql_goes_back_and_forth_too(postgresql):
     with SqlStore(postgresql) as store:
         store.keep("unsw", rig={"name": "ü"})
@@ -217,6 +221,7 @@ def test_postgresql_goes_back_and_forth_too(postgresql):
         assert store.asset("unsw").rig == {"name": "ü"}
 
 
+@pytest.mark.slow
 def test_events_that_repeat_a_window_refer_to_it_and_get_its_record_back(where):
     record = {"index": 0, "start_time": "now", "rms_measured": 1.5}
     given = {"state": {}, "report": None, "assembly": {}, "quality": {}, "received_ns": 1}

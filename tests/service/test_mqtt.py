@@ -74,6 +74,7 @@ def valid(payload):
     return payload
 
 
+@pytest.mark.slow
 def test_result_alarms_and_changes_are_published_and_a_reader_who_comes_later_gets_the_latest(tmp_path, store, board):
     fakes.campaign(store, board, windows=4)
     with broker_at_work() as broker, reading(broker.port) as reader:
@@ -101,6 +102,7 @@ def test_result_alarms_and_changes_are_published_and_a_reader_who_comes_later_ge
         wait_until(lambda: reader.latest("gear-twin/service")["state"] == "offline")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_computed_is_published_with_its_reason(tmp_path, store, board):
     fakes.take(store, board, "unknown", 0, 100.0, report=fakes.little_known_report())
     board.update("waiting")
@@ -128,6 +130,7 @@ def test_preliminary_figures_say_so():
     assert result["wear"]["preliminary"] == ["Too few windows."] and result["life"]["preliminary"] == []
 
 
+@pytest.mark.slow
 def test_counters_that_change_alone_are_not_published_again(tmp_path, store, board):
     fakes.campaign(store, board, windows=4)
     with (
@@ -144,6 +147,7 @@ def test_counters_that_change_alone_are_not_published_again(tmp_path, store, boa
         assert len(reader.payloads("gear-twin/unsw/result")) == 2  # at first, and with the alarm
 
 
+@pytest.mark.slow
 def test_broker_that_is_away_at_start_and_again_later_gets_the_latest_state_and_every_change_of_an_alarm(
     tmp_path, store, board, caplog, monkeypatch
 ):
@@ -182,6 +186,7 @@ def test_broker_that_is_away_at_start_and_again_later_gets_the_latest_state_and_
     assert len(refused) <= 2  # once for each time that it was away, however often it was tried
 
 
+@pytest.mark.slow
 def test_kept_position_publishes_changes_that_a_killed_service_left(tmp_path, store, board):
     fakes.campaign(store, board, windows=3)
     with broker_at_work() as broker:
@@ -194,6 +199,7 @@ def test_kept_position_publishes_changes_that_a_killed_service_left(tmp_path, st
             wait_until(lambda: reader.payloads("gear-twin/unsw/alarm"))
 
 
+@pytest.mark.slow
 def test_renamed_asset_leaves_nothing_retained_and_no_change_is_published_twice(tmp_path, store, board):
     fakes.campaign(store, board, windows=3)
     with broker_at_work() as broker, reading(broker.port) as reader:
@@ -248,6 +254,7 @@ def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_publ
     assert sorted(sent) == [("new", "raised"), ("press-4", "raised"), ("press-5", "acknowledged")]
 
 
+@pytest.mark.slow
 def test_service_that_is_lost_is_announced_by_the_broker(tmp_path, store, board):
     code = f"""
 import threading
@@ -273,6 +280,7 @@ threading.Event().wait(30)
         wait_until(lambda: reader.latest("gear-twin/service")["state"] == "offline")
 
 
+@pytest.mark.slow
 def test_right_password_is_accepted_and_a_wrong_one_is_named(tmp_path, store, board, caplog):
     fakes.campaign(store, board, windows=3)
     file = tmp_path / "users"
@@ -289,6 +297,7 @@ def test_right_password_is_accepted_and_a_wrong_one_is_named(tmp_path, store, bo
             wait_until(lambda: bridge.figures()["mqtt_connected"] == 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Exception ignored in. <ssl.SSLSocket")  # paho leaves it to the collector
 def test_tls_with_the_right_authority_connects_and_with_another_does_not(tmp_path, store, board, caplog):
     fakes.campaign(store, board, windows=3)
@@ -310,6 +319,7 @@ def test_tls_with_the_right_authority_connects_and_with_another_does_not(tmp_pat
             wait_until(lambda: reader.latest("gear-twin/unsw/result"))
 
 
+@pytest.mark.slow
 def test_whole_state_is_published_where_it_is_set_and_prefix_and_retain_are_as_set(tmp_path, store, board):
     fakes.campaign(store, board, windows=3)
     given = {"mqtt_full_state": True, "mqtt_prefix": "plant/gears", "mqtt_retain": False, "mqtt_qos": 0}
@@ -347,6 +357,7 @@ def test_address_of_a_broker_without_scheme_or_with_a_password_in_it_is_refused(
         Settings(mqtt=url)
 
 
+@pytest.mark.slow
 def test_package_is_loaded_only_where_it_is_set_and_its_absence_is_one_clear_line(tmp_path):
     code = (
         "import sys; import service.runtime.serve; from service.runtime.bridging import bridges_of\n"
@@ -416,6 +427,7 @@ def test_file_of_kept_numbers_that_is_damaged_is_begun_again(tmp_path, caplog):
     assert sum("cannot be written" in r.getMessage() for r in caplog.records) == 1
 
 
+@pytest.mark.slow
 def test_whole_service_publishes_to_a_broker_and_shows_the_temperature_that_it_has_from_there(tmp_path):
     recording = write_recording(tmp_path / "short.mcap", 2)
     inputs = tmp_path / "inputs.toml"

@@ -32,6 +32,8 @@ RIG = (
     b'[sensors]\naccelerometer = "y6"\nband_hz = [0.0, 800.0]\n'
 )
 
+pytestmark = pytest.mark.slow
+
 
 def recording_of(path: Path, asset: str, moved: dict[str, tuple[int, int]]) -> Path:
     """One window; frame `number` of a channel's kind comes `by` frames of that channel later than in order."""

@@ -110,6 +110,7 @@ def asked(url, question, **given):
     return asyncio.run(asyncio.wait_for(whole(), 60))
 
 
+@pytest.mark.slow
 def test_values_have_the_time_of_their_window_an_engineering_unit_and_a_range(plant):
     board, url, thread = plant
     show(board, "values")
@@ -134,6 +135,7 @@ def test_values_have_the_time_of_their_window_an_engineering_unit_and_a_range(pl
     assert thread.figures()["opcua_values"] >= len(VARIABLES)
 
 
+@pytest.mark.slow
 def test_what_is_not_established_or_not_available_is_no_good_value(plant):
     board, url, _ = plant
     preliminary = {"reasons": ["Too few windows."], "remedies": []}
@@ -248,6 +250,7 @@ def test_limit_that_is_set_anew_ends_the_range_anew(plant):
     asked(url, question)
 
 
+@pytest.mark.slow
 def test_port_that_is_taken_is_said_and_tried_again(plant, tmp_path, caplog):
     _, url, _ = plant
     settings = Settings(opcua=url, data=tmp_path)
@@ -265,6 +268,7 @@ def certificate(folder, name, use):
     return der, key
 
 
+@pytest.mark.slow
 def test_encrypted_server_lets_in_trusted_clients_with_a_key_and_nobody_else(tmp_path):
     board = Board()
     show(board, "unsw")
@@ -339,6 +343,7 @@ def test_every_variable_has_a_reading_and_every_unit_is_known():
     assert readings_of(plant_result(bad, None, (), "now"), (), now)["speed_hz"].time == now
 
 
+@pytest.mark.slow
 def test_package_is_loaded_only_where_it_is_set_and_its_absence_is_one_clear_line(tmp_path):
     code = (
         "import sys; from service.runtime.bridging import bridges_of\n"

@@ -72,6 +72,7 @@ def serving(data, network, store, **given):
     assert not thread.is_alive() and not failed
 
 
+@pytest.mark.slow
 def test_service_runs_over_a_network_and_a_store_in_memory_and_goes_on_after_a_restart(tmp_path, recording):
     network, store = MemoryNetwork(), MemoryStore()
     assessed = plain(assess(recording, twin=fake_twin.TWIN))
@@ -134,6 +135,7 @@ def imported(file: Path) -> set[str]:
     return names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "homes"),
     [
@@ -156,6 +158,7 @@ def asks_tables(file: Path) -> bool:
     return bool(imported(file) & {"sqlalchemy", "alembic"})
 
 
+@pytest.mark.slow
 def test_service_over_other_parts_loads_neither_zenoh_nor_sqlite_nor_the_twin_that_its_workers_compute_with():
     code = (
         "import sys; import service.runtime.worker, service.runtime.pipeline, service.api, service.results.board; "

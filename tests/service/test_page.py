@@ -36,6 +36,7 @@ def painted(page, chart):
     )
 
 
+@pytest.mark.slow
 def test_charts_show_the_campaign(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -49,6 +50,7 @@ def test_charts_show_the_campaign(open_page, store, board):
     assert "87 % of the limit of 500 µm" in page.inner_text(".cards")
 
 
+@pytest.mark.slow
 def test_points_that_the_page_leaves_out_are_no_peaks(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -62,6 +64,7 @@ def test_points_that_the_page_leaves_out_are_no_peaks(open_page, store, board):
     assert level[-1] == 40 and len(level) <= 22
 
 
+@pytest.mark.slow
 def test_new_window_appears_without_a_reload_by_fetching_what_is_new_alone(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -78,6 +81,7 @@ def test_new_window_appears_without_a_reload_by_fetching_what_is_new_alone(open_
     assert sorted(asked) == ["assets/unsw/trend?after=13&resolution=600", "assets/unsw?windows=0"]
 
 
+@pytest.mark.slow
 def test_a_reason_that_several_parts_share_is_given_once(open_page, store, board):
     for index in range(2):
         fakes.take(store, board, "spectraquest", index, 10.0 * index, report=fakes.little_known_report())
@@ -93,6 +97,7 @@ def test_a_reason_that_several_parts_share_is_given_once(open_page, store, board
     assert page.get_attribute(".view", "data-kind") == "level"
 
 
+@pytest.mark.slow
 def test_addresses_name_asset_and_view_and_back_returns(open_page, store, board):
     fakes.campaign(store, board)
     fakes.take(store, board, "another", 0, 10.0)
@@ -113,6 +118,7 @@ def test_addresses_name_asset_and_view_and_back_returns(open_page, store, board)
     assert page.inner_text("#trail").endswith("another")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "said"),
     [("/#/asset/nobody", "no asset 'nobody' has been seen"), ("/#/asset/unsw/nothing", "There is no view nothing")],
@@ -126,6 +132,7 @@ def test_a_wrong_address_says_what_would_be_right(open_page, store, board, path,
     page.wait_for_selector("main[data-view=fleet]")
 
 
+@pytest.mark.slow
 def test_pair_of_encoders_and_lines_of_no_shaft_have_their_panels(open_page, store, board):
     pinion, gear = counted(1)
     window = Window(start_time_ns=1, encoders={"pinion": pinion, "gear": gear})
@@ -147,6 +154,7 @@ def test_pair_of_encoders_and_lines_of_no_shaft_have_their_panels(open_page, sto
     assert "mesh 1 ± 2×" in shown and "8.30" in shown and "mains of 50 Hz" in shown
 
 
+@pytest.mark.slow
 def test_inspections_are_drawn_with_the_depth(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -176,6 +184,7 @@ def traced(open_page, store, board):
     return page
 
 
+@pytest.mark.slow
 def test_effect_that_grows_or_was_taken_back_says_so(open_page, store, board):
     fakes.campaign(store, board)
     report = fakes.traced_report(19500.0, 12)
@@ -205,6 +214,7 @@ def test_effect_that_grows_or_was_taken_back_says_so(open_page, store, board):
     assert "The lead gap changed again at about 5,656 revolutions; at the latest window it is 0 ± 1 µm." in shown
 
 
+@pytest.mark.slow
 def test_effects_are_sentences_with_size_consequence_and_onset(traced, store):
     shown = traced.inner_text("#effects")
     for part in (
@@ -222,6 +232,7 @@ def test_effects_are_sentences_with_size_consequence_and_onset(traced, store):
     assert "mesh stiffness loss, by 134" in traced.inner_text("#effects")
 
 
+@pytest.mark.slow
 def test_a_decision_is_sent_and_its_progress_said(traced, store):
     with traced.expect_response("**/effects/misalignment") as answered:
         traced.get_by_role("button", name="accept misalignment").click()
@@ -230,6 +241,7 @@ def test_a_decision_is_sent_and_its_progress_said(traced, store):
     traced.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
 
 
+@pytest.mark.slow
 def test_a_decision_is_signed_and_shown_where_effects_are_listed(traced, store, board):
     """Anybody could reject an effect on the page, without a name or a reason."""
     page = traced
@@ -253,6 +265,7 @@ def test_a_decision_is_signed_and_shown_where_effects_are_listed(traced, store, 
     assert page.get_by_role("textbox", name="Your name").input_value() == "Anna"
 
 
+@pytest.mark.slow
 def test_effect_is_decided_on_by_the_keyboard_alone_and_the_focus_stays_with_it(traced, store, board):
     page = traced
     page.wait_for_selector("#link[data-state=live]")
@@ -275,6 +288,7 @@ def test_effect_is_decided_on_by_the_keyboard_alone_and_the_focus_stays_with_it(
     assert page.evaluate("document.activeElement.dataset.group") == "gear_eccentricity"
 
 
+@pytest.mark.slow
 def test_service_that_is_gone_is_said_where_the_decision_was_made(traced):
     traced.route("**/effects/misalignment", lambda route: route.fulfill(status=202, body="no JSON"))
     traced.get_by_role("button", name="accept misalignment").click()
@@ -284,6 +298,7 @@ def test_service_that_is_gone_is_said_where_the_decision_was_made(traced):
 # -- charts ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_one_outlier_does_not_rule_the_scale_and_is_said(open_page, store, board):
     for index in range(12):
         fakes.take(store, board, "unsw", index, 500.0 * (index + 1), rms_predicted=9000.0 if index == 4 else None)
@@ -296,6 +311,7 @@ def test_one_outlier_does_not_rule_the_scale_and_is_said(open_page, store, board
     page.wait_for_function("document.querySelector('#rms .outside').textContent === ''")
 
 
+@pytest.mark.slow
 def test_cursor_and_zoom_are_linked_and_answer_to_the_keyboard(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -315,6 +331,7 @@ def test_cursor_and_zoom_are_linked_and_answer_to_the_keyboard(open_page, store,
         page.keyboard.press("0")
 
 
+@pytest.mark.slow
 def test_menu_of_a_chart_saves_csv_and_png_and_sends_nothing_elsewhere(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -337,6 +354,7 @@ def test_menu_of_a_chart_saves_csv_and_png_and_sends_nothing_elsewhere(open_page
     assert page.locator("#rms .as-table tbody tr").count() == len(measured)
 
 
+@pytest.mark.slow
 def test_trends_run_against_time_as_well(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(UNSW)
@@ -350,6 +368,7 @@ def test_trends_run_against_time_as_well(open_page, store, board):
 # -- list of machines --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_machines_are_listed_by_severity_and_new_ones_join(open_page, store, board):
     page = open_page("/")
     assert "No machine has sent data yet" in page.inner_text("main")
@@ -370,6 +389,7 @@ def test_machines_are_listed_by_severity_and_new_ones_join(open_page, store, boa
 # -- looks -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (800, "dark"), (390, "light")])
 def test_page_fits_its_width_and_follows_the_theme(open_page, store, board, width, scheme):
     fakes.campaign(store, board)
@@ -383,6 +403,7 @@ def test_page_fits_its_width_and_follows_the_theme(open_page, store, board, widt
     assert (sum(light) > 600) == (scheme == "light")
 
 
+@pytest.mark.slow
 def test_openapi_page_is_drawn_offline(open_page):
     page = open_page("/docs")
     page.wait_for_selector(".opblock")

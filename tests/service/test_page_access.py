@@ -32,6 +32,7 @@ SCHEMES = ["light", pytest.param("dark", marks=pytest.mark.slow)]
 SOME_KINDS = [k if k == "model" else pytest.param(k, marks=pytest.mark.slow) for k in KINDS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("kind", SOME_KINDS)
 def test_axe_finds_nothing_in_the_views_of_any_kind_of_machine(open_page, store, board, kind, scheme):
@@ -44,6 +45,7 @@ def test_axe_finds_nothing_in_the_views_of_any_kind_of_machine(open_page, store,
         assert page.evaluate("document.documentElement.scrollWidth") <= 1440
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SOME_KINDS)
 def test_every_kind_of_machine_fits_a_phone(open_page, store, board, kind):
     show_machine(store, board, kind)
@@ -59,6 +61,7 @@ def test_every_kind_of_machine_fits_a_phone(open_page, store, board, kind):
         assert wide == [], view
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_of_machine_shows_first_what_it_can_tell(open_page, store, board, kind):
     show_machine(store, board, kind)
@@ -71,6 +74,7 @@ def test_each_kind_of_machine_shows_first_what_it_can_tell(open_page, store, boa
     assert page.inner_text(".health .action") == status["action"]
 
 
+@pytest.mark.slow
 def test_normal_is_not_said_where_the_limit_is_reached(open_page, store, board):
     show_machine(store, board, "worn-out")
     page = open_page("/")
@@ -81,6 +85,7 @@ def test_normal_is_not_said_where_the_limit_is_reached(open_page, store, board):
     assert "End of life" in shown and "Normal" not in shown and "The limit is reached." in shown
 
 
+@pytest.mark.slow
 def test_keyboard_reaches_the_machines_the_tabs_and_the_charts(open_page, store, board):
     show_machine(store, board, "model")
     page = open_page("/")
@@ -112,6 +117,7 @@ def test_keyboard_reaches_the_machines_the_tabs_and_the_charts(open_page, store,
     assert outline == "solid"
 
 
+@pytest.mark.slow
 def test_print_is_light_and_cuts_nothing_off(open_page, store, board):
     show_machine(store, board, "model")
     page = open_page("/#/asset/model", color_scheme="dark")
@@ -146,6 +152,7 @@ def test_list_of_machines_is_a_table_on_paper_that_begins_on_the_first_sheet(ope
     assert len(sheets) <= 2 and "Wear depth Remaining life" in sheets[0] and "worn-out" in sheets[0]
 
 
+@pytest.mark.slow
 def test_no_machine_yet_says_how_to_begin(open_page):
     page = open_page("/")
     said = page.inner_text(".empty")
@@ -154,6 +161,7 @@ def test_no_machine_yet_says_how_to_begin(open_page):
     assert findings(page) == ([], [])
 
 
+@pytest.mark.slow
 def test_connection_that_is_lost_is_said_and_found_again(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page("/", allowed="")

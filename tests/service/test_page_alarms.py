@@ -25,6 +25,7 @@ def keeper(store, board):
     return made
 
 
+@pytest.mark.slow
 def test_alarm_is_acknowledged_by_name_with_a_note(open_page, keeper):
     page = open_page(ALARMS)
     alarm = page.locator("[data-alarm='1']")
@@ -50,6 +51,7 @@ def test_alarm_is_acknowledged_by_name_with_a_note(open_page, keeper):
     assert "raised" in said and "cleared" in said and "closed" in said
 
 
+@pytest.mark.slow
 def test_an_answer_that_a_later_one_has_overtaken_is_not_drawn(open_page, keeper, store, board):
     """The list of open alarms, asked for first, arrives after the list of all."""
     page = open_page(ALARMS)
@@ -68,6 +70,7 @@ def test_an_answer_that_a_later_one_has_overtaken_is_not_drawn(open_page, keeper
     assert page.locator("[data-alarm]").count() == before
 
 
+@pytest.mark.slow
 def test_what_is_typed_outlives_a_new_alarm(open_page, keeper, store, board):
     page = open_page(ALARMS)
     alarm = page.locator("[data-alarm='1']")
@@ -80,6 +83,7 @@ def test_what_is_typed_outlives_a_new_alarm(open_page, keeper, store, board):
     assert page.locator("[data-alarm='1']").get_by_label("Note").input_value() == "half a sent"
 
 
+@pytest.mark.slow
 def test_alarms_of_all_machines_are_one_list_that_leads_to_each(open_page, keeper):
     page = open_page("/")
     page.get_by_role("link", name="Alarms: 3 active").click()
@@ -93,12 +97,14 @@ def test_alarms_of_all_machines_are_one_list_that_leads_to_each(open_page, keepe
     assert page.url.endswith("#/asset/pump/alarms")
 
 
+@pytest.mark.slow
 def test_row_of_a_machine_leads_to_its_alarms(open_page, keeper):
     page = open_page("/")
     page.locator("tr[data-asset=mill]").get_by_role("link", name="1 alarm not acknowledged").click()
     page.wait_for_selector("[data-alarm='2']")
 
 
+@pytest.mark.slow
 def test_rules_are_edited_and_saved_by_name(open_page, keeper):
     page = open_page(ALARMS, allowed="409")
     rules = page.locator("#alarm-rules")
@@ -127,6 +133,7 @@ def test_rules_are_edited_and_saved_by_name(open_page, keeper):
     assert int(rules.get_attribute("data-rules")) == count + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1440, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_alarms_are_accessible_and_fit_the_screen(open_page, keeper, width, scheme):

@@ -71,6 +71,7 @@ def test_summary_of_a_machine_without_a_model_shows_its_level(address, store, bo
     assert row["sparkline"]["quantity"] == "vibration RMS" and len(row["sparkline"]["values"]) == 4
 
 
+@pytest.mark.slow
 def test_whole_page_is_small_on_the_wire(open_page, address, store, board):
     fakes.campaign(store, board)
     page = open_page("/#/asset/unsw")

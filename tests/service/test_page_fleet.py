@@ -6,6 +6,8 @@ import pytest
 import test_fleet_lists
 from fleets import as_a_front_end
 
+pytestmark = pytest.mark.slow
+
 board = test_fleet_lists.board
 
 

@@ -54,6 +54,7 @@ def test_a_life_that_is_not_sure_to_be_over_keeps_its_band_and_its_reason_is_sai
     assert "5–95 %: 0 – 3 min" in page.inner_text(".cards .card >> nth=1")
 
 
+@pytest.mark.slow
 def test_life_of_a_machine_that_must_stop_is_said_to_be_of_wear_alone(open_page, store, board):
     show_machine(store, board, "cracked")
     page = open_page("/#/asset/cracked")
@@ -114,6 +115,7 @@ def test_a_retired_machine_is_not_shown_as_one_that_runs(open_page, store, board
     page.wait_for_selector("[data-asset=retired] .badge:text-is('retired')")
 
 
+@pytest.mark.slow
 def test_machine_whose_windows_wait_says_how_many_and_behind_which_machine(open_page, store, board):
     show_waiting(store, board)
     board.update("waiting", waiting=Waiting(windows=6, since_ns=time.time_ns() - 85 * 10**9, behind=("pump-3",)))
@@ -133,6 +135,7 @@ def test_every_view_of_a_machine_says_when_it_was_last_seen(open_page, store, bo
         assert page.inner_text(".seen").startswith("Last seen 3 minutes ago"), view
 
 
+@pytest.mark.slow
 def test_new_modulation_is_a_change_since_the_healthy_baseline(open_page, store, board):
     """The card said `none found` above a modulation nine times as deep as in the healthy recordings."""
     show_machine(store, board, "baseline")
@@ -143,6 +146,7 @@ def test_new_modulation_is_a_change_since_the_healthy_baseline(open_page, store,
     assert "none found" not in card and "modulation 1 × per turn of the pinion" in card
 
 
+@pytest.mark.slow
 def test_what_could_have_been_found_is_on_the_page_in_the_words_of_the_answer(open_page, store, board):
     show_machine(store, board, "baseline")
     said = ["What 6 windows would have shown, where nothing was found:", "tooth crack: stiffness loss from 0.3 (basis)"]
@@ -152,6 +156,7 @@ def test_what_could_have_been_found_is_on_the_page_in_the_words_of_the_answer(op
     assert all(line in page.inner_text(".cards .card >> nth=0") for line in said)
 
 
+@pytest.mark.slow
 def test_baseline_is_counted_by_windows_days_and_loads(open_page, store, board):
     """Twelve windows of one file of two minutes were "12 recordings (at least 5 to judge teeth)"."""
     show_machine(store, board, "baseline")

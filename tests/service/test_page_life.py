@@ -107,6 +107,7 @@ def test_a_baseline_is_learned_and_removed_on_the_page(tmp_path, view):
         page.close()  # before the service ends
 
 
+@pytest.mark.slow
 def test_what_is_typed_outlives_a_new_window(open_page, store, board):
     fakes.campaign(store, board)
     board.update("unsw", question=count_fell("unsw", 9000.0, 20.0, 1_700_000_000 * 10**9))
@@ -119,6 +120,7 @@ def test_what_is_typed_outlives_a_new_window(open_page, store, board):
     assert page.locator("#question").get_by_label("Note").input_value() == "half a sent"
 
 
+@pytest.mark.slow
 def test_a_page_goes_on_under_the_other_name_that_somebody_gives_its_machine(open_page, store, board):
     fakes.campaign(store, board)
     page = open_page(LIFE, allowed="404")  # what it asks for at that very moment has the former name
@@ -139,6 +141,7 @@ HIDE = """hidden => {
 }"""
 
 
+@pytest.mark.slow
 def test_a_page_that_was_hidden_meanwhile_and_an_address_with_the_former_name_lead_to_the_present_one(
     open_page, store, board
 ):

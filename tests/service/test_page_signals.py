@@ -56,6 +56,7 @@ def choose(page, name, value):
     page.select_option(f"[data-key=choice-{name}]", value)
 
 
+@pytest.mark.slow
 def test_every_view_of_a_window_is_drawn_and_has_its_own_address(opened):
     page = opened(allowed="409")  # the flank needs a model
     settled(page)
@@ -77,6 +78,7 @@ def test_every_view_of_a_window_is_drawn_and_has_its_own_address(opened):
     assert "the rig file does not give" in page.inner_text("main")
 
 
+@pytest.mark.slow
 def test_the_chart_says_its_strongest_lines_to_those_who_do_not_see_it(opened):
     page = opened("/window/2/order-spectrum/accel%2Fy6")
     settled(page)
@@ -86,6 +88,7 @@ def test_the_chart_says_its_strongest_lines_to_those_who_do_not_see_it(opened):
     assert float(found[2]) == pytest.approx(Z1, abs=0.1) and 0.8 * MESH < float(found[1]) <= 1.01 * MESH
 
 
+@pytest.mark.slow
 def test_windows_are_chosen_by_buttons_and_by_the_keyboard(opened):
     page = opened("/window/2/spectrum/accel%2Fy6")
     settled(page)
@@ -102,6 +105,7 @@ def test_windows_are_chosen_by_buttons_and_by_the_keyboard(opened):
     assert "newest" in page.inner_text(".which")
 
 
+@pytest.mark.slow
 def test_a_harmonic_cursor_lists_what_its_places_read(opened):
     page = opened("/window/2/order-spectrum/accel%2Fy6")
     settled(page)
@@ -125,6 +129,7 @@ def test_a_harmonic_cursor_lists_what_its_places_read(opened):
     assert places[5] - places[4] == pytest.approx(19 / 52, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_markers_and_scale_are_switched_without_asking_again(opened):
     page = opened("/window/2/spectrum/accel%2Fy6")
     settled(page)
@@ -139,6 +144,7 @@ def test_markers_and_scale_are_switched_without_asking_again(opened):
     assert not [url for url in asked if "/signals/" in url]
 
 
+@pytest.mark.slow
 def test_zooming_fetches_the_excerpt_in_full(opened):
     page = opened("/window/2/waveform/accel%2Fy6")
     settled(page)
@@ -152,6 +158,7 @@ def test_zooming_fetches_the_excerpt_in_full(opened):
         page.keyboard.press("0")
 
 
+@pytest.mark.slow
 def test_the_waterfall_reads_its_values_and_leads_to_a_window(opened):
     page = opened("/waterfall")
     page.wait_for_selector("canvas.waterfall[aria-label^='Waterfall of']")
@@ -165,6 +172,7 @@ def test_the_waterfall_reads_its_values_and_leads_to_a_window(opened):
     settled(page)
 
 
+@pytest.mark.slow
 def test_trends_of_indicators_are_drawn_by_group(opened):
     page = opened("/indicators")
     page.wait_for_selector("#trend-rms-measured .u-wrap")
@@ -173,6 +181,7 @@ def test_trends_of_indicators_are_drawn_by_group(opened):
     page.wait_for_function("document.querySelector('.downloads a').href.includes('axis=time')")
 
 
+@pytest.mark.slow
 def test_a_new_window_is_followed_where_the_newest_is_shown(opened, store, board, signals):
     page = opened()
     settled(page)
@@ -182,6 +191,7 @@ def test_a_new_window_is_followed_where_the_newest_is_shown(opened, store, board
     page.wait_for_function("document.querySelector('.which').textContent.includes('window 6 ')")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [390, 1440])
 def test_the_view_fits_and_has_no_fault_of_access(opened, width, dark):
@@ -197,6 +207,7 @@ def test_the_view_fits_and_has_no_fault_of_access(opened, width, dark):
         assert found.violations_count == 0, found.generate_report()
 
 
+@pytest.mark.slow
 def test_a_machine_without_kept_signals_says_why(open_page, store, board, signals):
     fakes.take(store, board, "other", 0, 10.0)
     page = open_page("/#/asset/other/signals")

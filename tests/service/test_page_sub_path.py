@@ -62,6 +62,7 @@ def kept(headers):
     return {name: value for name, value in headers.items() if name.lower() in ("accept", "if-none-match")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("under", ["/twin/", "/plant/hall%202/gear-twin/"])
 def test_page_works_under_a_sub_path_of_a_proxy(browser, address, store, board, under):
     fakes.campaign(store, board)

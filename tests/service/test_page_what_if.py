@@ -40,6 +40,7 @@ def kept(machine, store, board):
     return estimate
 
 
+@pytest.mark.slow
 def test_present_duty_and_date_are_answered_with_a_chart(open_page, kept):
     page = open_page(VIEW)
     assert page.get_by_label("Pinion speed [Hz]").input_value() == "9.936"
@@ -56,6 +57,7 @@ def test_present_duty_and_date_are_answered_with_a_chart(open_page, kept):
     assert page.locator("section[aria-label=Answer] tbody tr").count() == 13
 
 
+@pytest.mark.slow
 def test_duty_that_cannot_be_is_refused_where_it_was_asked(open_page, kept):
     page = open_page(VIEW, allowed="409")
     page.get_by_label("Torque on the pinion [N·m]").fill("900")
@@ -65,6 +67,7 @@ def test_duty_that_cannot_be_is_refused_where_it_was_asked(open_page, kept):
     assert page.locator("section[aria-label=Answer]").is_hidden()
 
 
+@pytest.mark.slow
 def test_conditions_are_added_and_their_shares_sent(open_page, kept):
     page = open_page(VIEW)
     page.get_by_role("button", name="Add a condition").click()
@@ -96,6 +99,7 @@ def answer_of(applied, contradiction=None):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contradiction", [None, "The inspection at 2,400 revolutions contradicts the windows."])
 def test_inspection_shows_what_it_changed(open_page, kept, contradiction):
     page = open_page(VIEW)
@@ -115,6 +119,7 @@ def test_inspection_shows_what_it_changed(open_page, kept, contradiction):
     assert page.locator("#inspections tbody tr").count() == 1
 
 
+@pytest.mark.slow
 def test_inspection_that_waits_says_so(open_page, kept):
     page = open_page(VIEW)
     page.get_by_label("Largest depth [µm]").fill("39")
@@ -125,6 +130,7 @@ def test_inspection_that_waits_says_so(open_page, kept):
     assert page.locator("#inspections tbody tr").count() == 1
 
 
+@pytest.mark.slow
 def test_machine_without_a_life_says_why_and_still_takes_inspections(open_page, store, board):
     fakes.take(store, board, "bench", 0, 10.0, report=fakes.little_known_report())
     page = open_page("/#/asset/bench/what-if")
@@ -133,6 +139,7 @@ def test_machine_without_a_life_says_why_and_still_takes_inspections(open_page, 
     assert page.get_by_role("link", name="What if").count() == 1  # of the address alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1440, 390])
 def test_view_fits_its_screen_and_is_accessible(open_page, kept, width):
     from axe_playwright_python.sync_playwright import Axe

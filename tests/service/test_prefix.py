@@ -84,6 +84,7 @@ def test_a_recording_is_read_under_the_prefix_of_the_file(command, tmp_path, rec
     assert status == 0 or any(reason in said for reason in TOO_SHORT)
 
 
+@pytest.mark.slow
 def test_an_option_goes_before_the_environment_and_that_before_the_file(
     tmp_path, recording, configured, capsys, monkeypatch
 ):

@@ -184,6 +184,7 @@ def test_events_come_as_they_happen_and_from_where_they_were_left(service, store
     assert found and found[0].id > last and found[0].data["index"] == 14
 
 
+@pytest.mark.slow
 def test_a_result_is_drawn_and_reported(service, tmp_path):
     result = service.asset("unsw")
     assert len(result.plot().axes) == 2

@@ -241,6 +241,7 @@ class Failing:
         self.abandoned += 1
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_the_recording_alone_is_said_and_it_goes_on_by_itself(caplog):
     caplog.set_level("INFO")
     disk = Failing()
@@ -300,6 +301,7 @@ def test_a_rig_file_is_written_as_it_is():
 # -- the service -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_killed_service_leaves_recordings_that_can_be_assessed_and_replayed(tmp_path, capsys):
     recording = write_recording(tmp_path / "a.mcap", 4)
     folder = tmp_path / "raw"

@@ -178,6 +178,7 @@ def test_the_settings_make_a_recorder_whose_recordings_are_moved(tmp_path):
     assert not list((tmp_path / "data" / "raw").rglob("*.mcap*"))
 
 
+@pytest.mark.slow
 def test_a_service_s_segments_are_assessed_as_one_recording(tmp_path):
     recording = write_recording(tmp_path / "a.mcap", 4)
     expected = plain(assess(recording, twin=fake_twin.TWIN))

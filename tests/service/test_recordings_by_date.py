@@ -89,6 +89,7 @@ def followed(recordings):
 MARCH = tuple(f"2026-03-{day:02d}T08:00:00+00:00" for day in (1, 8, 15))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [(7.0, 5.0), (5.0, 5.0, 4.0)])
 def test_recordings_that_each_begin_their_count_are_followed_by_their_dates_without_a_question(imported, seconds):
     """Every file after the first was a counter that was reset, and the machine stayed without a verdict."""

@@ -120,6 +120,7 @@ def test_a_stream_gives_the_windows_of_the_file(recording, endpoint, speed, dist
     assert (inbox.refused_frames, inbox.errors) == (0, 0)
 
 
+@pytest.mark.slow
 def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endpoint):
     outcomes, sent = [], []
     sender = threading.Thread(target=lambda: sent.append(replay(recording, [endpoint], 20.0, max_pause=1.0)))
@@ -143,6 +144,7 @@ def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endp
     assert [o.record["seen"] for o in outcomes] == list(range(8))
 
 
+@pytest.mark.slow
 def test_a_plain_publisher_is_understood(endpoint):
     outcomes = []
     with receiving(endpoint, make_pipeline(outcomes)), open_session(connect=[endpoint]) as session:
@@ -163,6 +165,7 @@ def test_channels_of_a_publisher_are_announced_while_it_is_there(recording, endp
         until(lambda: inbox.announced(ASSET) == ())
 
 
+@pytest.mark.slow
 def test_frames_that_break_the_contract_are_counted_and_told(endpoint):
     outcomes = []
     pipeline = make_pipeline(outcomes)
@@ -178,6 +181,7 @@ def test_frames_that_break_the_contract_are_counted_and_told(endpoint):
     assert "is no gearbox.v1.SampleFrame" in quality["faults"][0]["detail"]
 
 
+@pytest.mark.slow
 def test_a_replay_without_a_subscriber_fails_in_time_and_says_so(recording, endpoint):
     with open_session(listen=[endpoint]), pytest.raises(DeliveryError, match="no subscriber for gearbox/"):
         replay(recording, [endpoint], 0, wait=5.0)

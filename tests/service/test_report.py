@@ -117,6 +117,7 @@ def test_a_machine_without_a_model_has_a_report_too(answer):
     assert rendered(report, "html").count(b"<svg") == 1 and len(pdf_text(rendered(report, "pdf"))) == 2
 
 
+@pytest.mark.slow
 def test_rest_gives_both_formats_and_names_the_file(address, store, board):
     fakes.campaign(store, board)
     with httpx.Client(base_url=address, timeout=60) as client:
@@ -129,6 +130,7 @@ def test_rest_gives_both_formats_and_names_the_file(address, store, board):
         assert client.get("/v1/assets/other/report").status_code == 404
 
 
+@pytest.mark.slow
 def test_the_command_writes_both_formats_and_refuses_others(capsys, tmp_path, answer):
     source = tmp_path / "answer.json"
     source.write_text(json.dumps(answer))
@@ -140,6 +142,7 @@ def test_the_command_writes_both_formats_and_refuses_others(capsys, tmp_path, an
     assert "report.docx: a report is written as .html or .pdf" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_trends_have_tick_labels_and_units_on_both_axes_and_the_limit(answer):
     answer["rul"] = {**answer["rul"], "limit_um": 500.0}
     report = report_of(answer, made=MADE)

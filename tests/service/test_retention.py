@@ -58,6 +58,7 @@ def expected():
     return [0, *thinned, *whole]
 
 
+@pytest.mark.slow
 def test_windows_are_whole_then_thinned_then_gone_and_what_was_notable_stays(long):
     before = long.asset("unsw"), long.next_indices()["unsw"], long.epochs("unsw"), long.latest_windows("unsw", 20)
     assert clear(long) > 1  # in small transactions
@@ -86,6 +87,7 @@ def test_pages_of_a_thinned_history_are_those_of_the_whole(long):
         assert whole == sorted({*first.values(), COUNT - 1}), (every, limit)
 
 
+@pytest.mark.slow
 def test_whole_history_is_thinned_for_an_answer_at_multiples_as_ever(long):
     assert kept(long, every=100) == [0, 100, 200, 300, 399]
     assert kept(long, every=100, after=100) == [200, 300, 399]
@@ -105,6 +107,7 @@ def test_ends_of_epochs_stay_for_ever(each_store):
     assert kept(store) == [9000, 11000]
 
 
+@pytest.mark.slow
 def test_newest_events_stay_and_their_numbers_go_on(long):
     with long.database.transaction():
         for number in range(1500):
@@ -135,6 +138,7 @@ def test_history_of_an_alarm_is_bounded(each_store):
     assert [entry["at"] for entry in alarm["history"]] == [f"at {number}" for number in range(15, 20)]
 
 
+@pytest.mark.slow
 def test_file_does_not_grow_with_the_history(tmp_path):
     """Pages of deleted rows are used again."""
     retention = Retention(whole_days=100 / 24, every=10, days=200 / 24, events=1000)
@@ -149,6 +153,7 @@ def test_file_does_not_grow_with_the_history(tmp_path):
     assert sizes[-1] <= 1.1 * sizes[2]
 
 
+@pytest.mark.slow
 def test_job_deletes_what_is_old_and_ends(long):
     job = RetentionJob(long, RETENTION, pause=0.05)
     job.start()
@@ -257,6 +262,7 @@ def test_the_newest_closed_alarms_stay_and_open_ones_for_ever(each_store):
     assert all(len(alarm["history"]) >= 1 for alarm in alarms.listed("unsw", closed=True))
 
 
+@pytest.mark.slow
 def test_a_thinned_answer_costs_the_database_as_much_after_forty_thousand_windows_as_after_two_thousand(tmp_path):
     few, many = _steps(tmp_path / "few.sqlite", 2_000), _steps(tmp_path / "many.sqlite", 40_000)
     assert {name: steps <= 1.5 * few[name] for name, steps in many.items()} == dict.fromkeys(many, True), (few, many)

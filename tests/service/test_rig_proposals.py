@@ -128,6 +128,7 @@ def test_an_asset_that_is_adopted_without_the_offered_rig_file_has_it_as_a_propo
     assert asking.get(f"{UNSW}/rig")["name"] == "unsw" and proposed(asking) == []
 
 
+@pytest.mark.slow
 def test_a_forged_rig_file_leaves_a_known_asset_untouched(asking, network, recording, rig, tmp_path):
     """It paused the asset: its windows waited for an answer."""
     before = begun(asking, network, recording)
@@ -205,6 +206,7 @@ def test_rejected_it_does_not_come_back_after_a_restart(tmp_path, network, recor
 # -- where assets are adopted ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_new_asset_has_the_offered_rig_file_and_another_one_is_a_proposal(adopting, network, recording, rig):
     """A rig file that differed elsewhere than in its gears was ignored without a word."""
     replay(recording, (), 0, publish_to=network.open_publisher)
@@ -220,6 +222,7 @@ def test_a_new_asset_has_the_offered_rig_file_and_another_one_is_a_proposal(adop
     assert adopting.get(f"{UNSW}/rig")["end_of_life"]["max_depth"] == 3e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offers", ["to whoever asks", "once"])
 def test_an_asset_that_was_changed_before_its_first_frame_has_the_rig_file_that_is_offered_then(
     adopting, network, recording, rig, offers
@@ -236,6 +239,7 @@ def test_an_asset_that_was_changed_before_its_first_frame_has_the_rig_file_that_
     assert adopting.get(f"{UNSW}/rig")["name"] == "unsw" and proposed(adopting) == []
 
 
+@pytest.mark.slow
 def test_a_rig_file_that_comes_after_windows_were_learned_without_one_is_a_proposal(
     adopting, network, recording, rig, tmp_path
 ):

@@ -163,6 +163,7 @@ def of_rest(running):
     return {key: part for key, part in running.get("/v1/assets/unsw").items() if key != "windows"}
 
 
+@pytest.mark.slow
 def test_state_is_published_and_answers_get_with_the_json_of_rest(tmp_path, recording):
     seen = []
     with service(tmp_path) as running, open_session(connect=[running.endpoint]) as session:
@@ -192,6 +193,7 @@ def test_state_is_published_and_answers_get_with_the_json_of_rest(tmp_path, reco
         watcher.undeclare()
 
 
+@pytest.mark.slow
 def test_machine_without_a_rig_file_gets_what_needs_none(tmp_path):
     bare = write_recording(tmp_path / "bare.mcap", 2, rig=None)
     with service(tmp_path / "data") as running:
@@ -233,6 +235,7 @@ def test_service_waits_for_an_external_router_and_says_so(tmp_path):
         assert running.end()[0] == 0
 
 
+@pytest.mark.slow
 def test_service_that_waits_for_a_router_still_ends_on_a_signal(tmp_path):
     running = Service(tmp_path, CONNECT=json.dumps([f"tcp/127.0.0.1:{free_port()}"]))
     threading.Thread(target=_ignoring, args=(running.start,), daemon=True).start()
@@ -262,6 +265,7 @@ def test_rig_file_with_a_typo_is_refused_before_anything_starts(tmp_path):
     assert not (tmp_path / "data").exists()
 
 
+@pytest.mark.slow
 def test_fault_of_the_program_costs_its_window_and_ends_nothing_else(tmp_path, recording, monkeypatch):
     monkeypatch.setattr(pump, "JOINED", fake_twin.JOINED)
 

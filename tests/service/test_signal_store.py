@@ -357,6 +357,7 @@ for n in range(10_000):
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_whole_windows_only(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", WRITES, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, text=True,

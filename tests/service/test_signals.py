@@ -181,6 +181,7 @@ def test_numbers_are_rounded_to_significant_digits_and_missing_ones_are_null():
 # -- REST -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_listed(client):
     found = client.get("/v1/assets/unsw/signals").json()
     assert [w["index"] for w in found["windows"]] == list(KEPT)
@@ -189,6 +190,7 @@ def test_what_is_kept_is_listed(client):
     assert found["bytes"] == sum(w["bytes"] for w in found["windows"]) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in VIEWS if name != "flank"])
 def test_each_view_is_json_csv_and_a_picture(client, name):
     found = client.get(f"{URL}/{name}?points=500").json()

@@ -273,6 +273,7 @@ def connected(broker, tmp_path, store, board, inputs):
         assert not inputs.is_alive()
 
 
+@pytest.mark.slow
 def test_values_of_a_broker_reach_the_inbox_also_after_the_broker_was_away(
     tmp_path, store, board, inputs_of, inbox, clock
 ):

@@ -34,6 +34,7 @@ def waiting(running):
         return AssetLife(tables_of(store), running.folder / WAITING).waiting("unsw")
 
 
+@pytest.mark.slow
 def test_windows_that_had_closed_are_processed_after_a_kill_without_being_sent_again(tmp_path, recording):
     """All that was in memory was lost: 16 of 25 schedules had windows missing though the replay had delivered them."""
     running = Service(tmp_path, slow=30.0).start()
@@ -81,6 +82,7 @@ def step_of_two(rig, state, window, options, *, seconds):
     return fake_twin.step(rig, state, window, options)
 
 
+@pytest.mark.slow
 def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tmp_path, monkeypatch):
     monkeypatch.setattr(fake_twin, "TWIN", replace(fake_twin.TWIN, step=partial(step_of_two, seconds=120.0)))
     network = MemoryNetwork()

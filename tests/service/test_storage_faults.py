@@ -108,6 +108,7 @@ def test_every_kind_of_a_lost_connection_is_a_lost_connection(kind):
     assert storage_error(NotSupportedError("no such thing"), "the database") is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("opened", [False, True])
 def test_a_server_that_is_frozen_is_away_until_it_goes_on(postgresql_server, monkeypatch, opened):
     monkeypatch.setattr(backends, "CONNECT_WAIT", 2)

@@ -61,6 +61,7 @@ class LosingStore(Store):
         return store
 
 
+@pytest.mark.slow
 def test_a_connection_that_is_lost_at_any_read_of_the_start_is_waited_for(tmp_path, quick):
     """The service ended where its restart met an outage of the database's server after it had connected."""
     recording, network, path = write_recording(tmp_path / "short.mcap", WINDOWS), MemoryNetwork(), tmp_path / "sqlite"

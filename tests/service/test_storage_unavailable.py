@@ -84,6 +84,7 @@ def went_through_it(running, recording):
     assert complained.count("can be used again") == 1
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_waited_for_and_nothing_is_lost(tmp_path, recording, begun):
     """The service ended with a traceback, and was started again in a loop."""
     with mounted(tmp_path / "disk", "-t", "tmpfs", "-o", "size=2m", "tmpfs") as disk:

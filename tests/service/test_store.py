@@ -138,6 +138,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_killed_process_loses_no_acknowledged_window_and_counts_none_twice(where):
     acknowledged = -1
     for stop_after in (3, 7, 20, 55):

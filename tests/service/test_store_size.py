@@ -28,6 +28,7 @@ def fill(store, assets, windows, body, spacing_ns=DAY_NS // 24):
                 assert store.commit(asset, index * spacing_ns, record=record, assembly={}, events=events, **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("body", "assets"), [(200, ("unsw",)), (900, ("press-7", "a-machine-with-a-long-name"))])
 def test_a_database_is_as_large_as_the_formula_says(tmp_path, body, assets):
     with SqlStore(tmp_path / "twin.sqlite") as store:
@@ -40,6 +41,7 @@ def test_a_database_is_as_large_as_the_formula_says(tmp_path, body, assets):
     assert found.now == pytest.approx(4096 * (pages - free), rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_windows_that_a_retention_keeps_are_foretold(long):  # noqa: F811
     with long.database._reader.connect() as db:
         found = forecast(db, RETENTION)

@@ -76,6 +76,7 @@ def _keys(value):
             yield from _keys(item)
 
 
+@pytest.mark.slow
 def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
     """The store has six of the eight windows of the short campaign; replayed whole, two more are processed."""
     outcomes = []

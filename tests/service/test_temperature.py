@@ -108,6 +108,7 @@ unit = "{unit}"
     assert (oil.count, oil.value) == (4, pytest.approx(273.15 + celsius.mean(), abs=1e-4))
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_latest_temperature_with_its_unit_and_age(open_page, store, board):
     window = {"value": 61.25, "unit": "°C", "values": 0, "age_s": 12.0}
     given = fakes.record(0, 10.0) | {"temperatures": {"oil": window}}

@@ -86,6 +86,7 @@ def test_window_that_waited_over_a_restart_has_the_parts_that_are_known(collecto
     assert [span.name for span in spans] == ["process", "store", "publish", "window"]
 
 
+@pytest.mark.slow
 def test_collector_that_does_not_answer_is_not_waited_for(monkeypatch):
     monkeypatch.setattr(
         "service.operation.traces.WAIT", 0.5
@@ -115,6 +116,7 @@ def test_service_sends_the_way_of_each_window_and_ends_in_time(tmp_path, collect
     assert {span.name for span in spans} == {"window", *(name for name, _, _ in STAGES)}
 
 
+@pytest.mark.slow
 def test_lack_of_opentelemetry_is_one_line_where_it_is_set(tmp_path):
     """That nothing of it is loaded where it is not set: test_optional_packages.py."""
     missing = (

@@ -70,6 +70,7 @@ def test_an_unknown_asset_is_listed_with_what_is_known_of_it_and_has_no_queue():
     assert not inbox.waits("new") and inbox.waits("press") and inbox.refused["unknown_asset"] == 3
 
 
+@pytest.mark.slow
 def test_twenty_thousand_names_leave_a_short_list_and_nothing_else(caplog):
     unknown = asking(most=100)
     inbox = Inbox(admits=unknown.admits)
@@ -229,6 +230,7 @@ def tables(folder):
         return SqlStore(tables_of(store)).assets()
 
 
+@pytest.mark.slow
 def test_a_replay_into_a_service_that_asks_says_why_it_fails_and_leaves_nothing(running, network, recording, tmp_path):
     sent = Replaying(network, recording, wait=2.0)
     error = sent.end()
@@ -244,6 +246,7 @@ def test_a_replay_into_a_service_that_asks_says_why_it_fails_and_leaves_nothing(
     assert said["accepting"] is False and "unknown to the service" in said["reason"]
 
 
+@pytest.mark.slow
 def test_adopted_while_its_frames_come_nothing_is_lost(running, network, recording, tmp_path):
     sent = Replaying(network, recording, wait=30.0)
     wait_until(lambda: unknown_of(running).get("unsw", {}).get("frames", 0) > 8)
@@ -354,6 +357,7 @@ def test_frames_from_the_middle_of_a_burst_make_no_window_of_their_own(tmp_path,
         assert revolutions(windows) == FIRST and all(w["quality"] == "good" and not w["faults"] for w in windows)
 
 
+@pytest.mark.slow
 def test_a_flood_of_names_leaves_no_rows_files_queues_or_log_lines(running, network, recording, tmp_path, caplog):
     wait_until(lambda: network.inbox is not None)
     before = {path for path in (tmp_path / "data").rglob("*") if not path.name.endswith(("-wal", "-shm"))}

@@ -57,6 +57,7 @@ def unanswered(monkeypatch):
     return seen
 
 
+@pytest.mark.slow
 def test_replaced_gears_begin_one_epoch(running, network, first, second, unanswered):  # noqa: F811
     asked(running, network, first, second)
     status, answer = change(running, "gears_replaced", by="A. Fitter")
@@ -67,6 +68,7 @@ def test_replaced_gears_begin_one_epoch(running, network, first, second, unanswe
     assert [data["kind"] for kind, data in events(running) if kind == "change"] == ["gears_replaced"]
 
 
+@pytest.mark.slow
 def test_a_renamed_asset_goes_on_under_its_new_name(running, network, first, second, unanswered):  # noqa: F811
     asked(running, network, first, second)
     assert change(running, "ignore")[1]["done"]
@@ -76,6 +78,7 @@ def test_a_renamed_asset_goes_on_under_its_new_name(running, network, first, sec
     assert [data["kind"] for kind, data in events(running, "press-7") if kind == "change"] == ["ignore", "renamed"]
 
 
+@pytest.mark.slow
 def test_another_machine_has_the_windows_that_waited(running, network, first, second, unanswered):  # noqa: F811
     asked(running, network, first, second)
     assert change(running, "other_machine", name="press-7")[1]["done"] and unanswered
@@ -83,12 +86,14 @@ def test_another_machine_has_the_windows_that_waited(running, network, first, se
     assert revolutions(running.windows()) == FIRST and running.get(UNSW)["question"] is None
 
 
+@pytest.mark.slow
 def test_an_asset_is_retired(running, network, first, second, unanswered):  # noqa: F811
     asked(running, network, first, second)
     assert change(running, "retired", note="scrapped")[1]["done"] and unanswered
     assert running.get(UNSW)["retired"]["note"] == "scrapped"
 
 
+@pytest.mark.slow
 def test_the_alarm_that_an_inspection_raised_is_shown(running, network, first, unanswered):  # noqa: F811
     send(network, first)
     running.wait_for_windows(WINDOWS)

@@ -119,6 +119,7 @@ def test_nothing_is_told_outside_of_systemd_or_where_the_watchdog_is_of_another_
     assert watchdog_pause() is None
 
 
+@pytest.mark.slow
 def test_systemd_is_told_of_readiness_life_and_the_end_which_takes_less_than_ten_seconds(tmp_path, told, monkeypatch):
     monkeypatch.setenv("WATCHDOG_USEC", "3000000")
     with service(tmp_path / "data") as running:
@@ -156,6 +157,7 @@ def test_storage_that_cannot_be_used_is_in_the_status_of_every_asset_until_it_is
     assert board.get("one").whole == before and published == ["one", "two"] * 2
 
 
+@pytest.mark.slow
 def test_workers_that_die_of_everything_make_the_service_not_ready():
     processes = Processes(1, task_limit=1.0, cache_bytes=1, wake=lambda: None)
     try:

@@ -52,6 +52,7 @@ def ask(client, status=200, **body):
     return reply.json()
 
 
+@pytest.mark.slow
 def test_present_duty_answers_with_the_stated_life(client):
     found = ask(client)
     assert found["hours"]["median"] == pytest.approx(found["present_hours"]["median"])
@@ -121,6 +122,7 @@ def test_preliminary_life_is_said_in_answer_and_text():
     )
 
 
+@pytest.mark.slow
 def test_command_answers_from_a_recording(capsys):
     asked = ["what-if", str(RECORDING), "--no-trace", "--duty", "10,10", "--hours", "1", "--hours-per-day", "8"]
     assert run(asked) == 0
@@ -131,6 +133,7 @@ def test_command_answers_from_a_recording(capsys):
     assert json.loads(capsys.readouterr().out)["asset"] == ASSET
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "why"),
     [

@@ -138,6 +138,7 @@ def test_a_window_for_which_a_worker_had_no_memory_is_tried_once_more_in_a_new_o
     assert "had too little memory" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_worker_that_cannot_be_started_now_is_started_later_and_ends_nothing(pool, monkeypatch, caplog):
     """The server that makes processes may just have been killed, or there is no memory: once this ended the service."""
     failures = [
@@ -246,6 +247,7 @@ def test_a_stopped_worker_goes_on_or_is_replaced_after_the_time_of_one_call(pool
     assert pool.processes.figures()["worker_deaths"] == (not goes_on)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pool", [{"task_limit": 1.0, "workers": 1}], indirect=True)
 def test_a_call_that_takes_too_long_is_given_up(pool):
     pool.window("stuck", "slow 60")
@@ -266,6 +268,7 @@ def test_an_asset_moves_where_its_worker_is_busy_for_long_and_another_is_idle(po
     assert pool.made[-1][0] == "third"
 
 
+@pytest.mark.slow
 def test_what_is_logged_and_warned_of_in_a_worker_is_in_the_log_of_the_service(pool, caplog):
     with caplog.at_level(logging.WARNING):
         pool.window("a", "complains")
@@ -335,6 +338,7 @@ def without_pid(windows):
     return [{key: value for key, value in window.items() if key != "pid"} for window in windows]
 
 
+@pytest.mark.slow
 def test_a_service_with_workers_gives_what_assess_gives_and_leaves_no_process_behind_when_killed(tmp_path):
     recording = recorded(tmp_path / "a.mcap")
     running = Workers(tmp_path / "data", WORKERS="2").start()
@@ -351,6 +355,7 @@ def test_a_service_with_workers_gives_what_assess_gives_and_leaves_no_process_be
         running.end(signal.SIGKILL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_windows(tmp_path, how):
     mark = tmp_path / "begun"

@@ -64,6 +64,7 @@ def is_let_in(endpoint, links):
         return False
 
 
+@pytest.mark.slow
 def test_tls_clients_connect_to_a_router_of_their_authority_alone(folder):
     with router(ZenohLinks(**own(folder, "router")), "tls") as (endpoint, _):
         assert is_let_in(endpoint, ZenohLinks(authorities=folder / "right.pem"))
@@ -73,6 +74,7 @@ def test_tls_clients_connect_to_a_router_of_their_authority_alone(folder):
         assert is_let_in(endpoint, ZenohLinks(authorities=folder / "right.pem", verify_name=False))
 
 
+@pytest.mark.slow
 def test_router_that_demands_certificates_lets_in_those_of_its_authority_alone(folder):
     links = ZenohLinks(**own(folder, "router"), authorities=folder / "right.pem", demand=True)
     with router(links, "tls") as (endpoint, _):
@@ -82,6 +84,7 @@ def test_router_that_demands_certificates_lets_in_those_of_its_authority_alone(f
         assert not is_let_in(endpoint, ZenohLinks(authorities=right, **own(folder, "forged")))
 
 
+@pytest.mark.slow
 def test_router_with_users_lets_in_those_with_their_password_alone(folder):
     with router(ZenohLinks(users=folder / "users")) as (endpoint, _):
         assert is_let_in(endpoint, ZenohLinks(user="logger", password="secret"))

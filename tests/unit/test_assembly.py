@@ -54,6 +54,7 @@ def test_each_burst_is_one_window_with_every_sample_and_edge_in_its_place():
         assert edges.times == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), horizon=st.sampled_from([2, 8, 30, 10**6]), copies=st.integers(1, 3))
 def test_any_order_and_any_number_of_copies_give_the_same_windows(seed, horizon, copies):
@@ -66,6 +67,7 @@ def test_any_order_and_any_number_of_copies_give_the_same_windows(seed, horizon,
     assert duplicates == (copies - 1) * len(frames)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6), drop=st.integers(1, 22))
 def test_lost_frames_become_the_same_gaps_in_any_order(seed, drop):

@@ -37,6 +37,7 @@ def test_a_long_recording_is_whole_and_holds_as_much_signal_as_asked_for(windows
     assert rates == {25600.0}
 
 
+@pytest.mark.slow
 def test_its_copies_are_the_same_window_whole_hunting_periods_later(windows):
     first, *copies = windows[7:]
     assert copies

@@ -38,6 +38,7 @@ def peak(work):
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_frames_that_claim_100_megahertz_are_refused_before_a_window_is_laid_out():
     """Two such frames, 8 s apart with torque between them, once took 14.7 GB."""
 

@@ -30,6 +30,7 @@ TABLES = [table for name, table in vars(states).items() if name.isupper()]
 RULES = ROOT / "docker" / "prometheus" / "rules.yml"
 
 
+@pytest.mark.slow
 def test_every_log_line_of_the_service_is_in_the_catalogue_and_no_other_is():
     written = {(call.place, call.text) for call in log_calls()}
     assert written == {(line.place, line.text) for line in LINES} and len(LINES) == len(written)
@@ -95,6 +96,7 @@ def value_of(expression, module):
     return None
 
 
+@pytest.mark.slow
 def test_every_kind_of_fault_is_in_the_catalogue_and_no_other_is():
     made = {kind: place for kind, place in fault_kinds() if kind != "frames"}  # which counts all of them
     assert set(made) - set(states.FAULTS) == set(), made

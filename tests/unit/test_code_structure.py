@@ -71,6 +71,7 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     return out
 
 
+@pytest.mark.slow
 def test_no_function_is_longer_than_a_screen():
     long = []
     for file in files():
@@ -88,6 +89,7 @@ def test_no_file_is_longer_than_five_hundred_lines():
     assert not {name: n for name, n in counted.items() if n > LONGEST_FILE}
 
 
+@pytest.mark.slow
 def test_no_module_imports_itself_by_way_of_others_not_even_inside_functions():
     by_module = {module_of(file): file for file in files()}
     known = set(by_module)

@@ -205,6 +205,7 @@ def test_motion_is_carried_on_by_the_derivative(case):
     assert found.force_lines == pytest.approx(stated.force_lines - (there - here - wanted), abs=1e-9 * force)
 
 
+@pytest.mark.slow
 def test_threads_that_end_leave_nothing_behind():
     """A service without worker processes computes every window in a thread of its own."""
     record = np.zeros(2**16)

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pydantic
+import pytest
 
 from service.contract.answer import Asset
 
@@ -73,6 +74,7 @@ def test_contract_has_the_keys_that_this_test_looks_for():
     assert {"k_wear_per_n", "wear_depth_um", "share_percent", "indistinguishable_from"} <= keys_of(Asset)
 
 
+@pytest.mark.slow
 def test_no_part_of_the_core_holds_a_key_of_the_contract():
     keys = (
         keys_of(Asset) - field_names() - PLAIN - {"band_hz", "hours_per_day"}
@@ -86,6 +88,7 @@ def test_no_part_of_the_core_holds_a_key_of_the_contract():
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_no_name_of_the_core_has_a_unit_other_than_si():
     wrong = []
     for file in files():
@@ -105,6 +108,7 @@ def test_no_name_of_the_core_has_a_unit_other_than_si():
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_no_part_of_the_core_knows_of_the_edge():
     for file in files():
         assert 'not available"' not in file.read_text(encoding="utf-8"), file

@@ -153,6 +153,7 @@ def worn():
     return windows_of(RECORDINGS / "short-campaign.mcap")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "at, shift, shafts",
     [
@@ -172,6 +173,7 @@ def test_a_counter_that_began_again_on_the_same_flanks_is_followed_with_an_event
     assert event.revolutions == pytest.approx(true, rel=0.03)  # by the growth of the error
 
 
+@pytest.mark.slow
 def test_new_gears_whose_count_falls_are_asked_about(worn):
     rig, windows = worn
     now, new = State(), replace(windows[2], start_time_ns=windows[6].start_time_ns)
@@ -181,6 +183,7 @@ def test_new_gears_whose_count_falls_are_asked_about(worn):
         step(rig, now, new, Options(trace=True))
 
 
+@pytest.mark.slow
 def test_other_gears_of_a_lower_count_are_asked_about(worn):
     rig, windows = worn
     other = windows_of(RECORDINGS / "faulty-campaign.mcap")[1][4]

@@ -33,6 +33,7 @@ def test_a_steady_rise_of_the_speed_is_followed_also_where_edges_are_few():
         assert track.slowness(angle) == pytest.approx(1 / 60 - 2e-6 * angle + 3e-10 * angle**2, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 3, 16, 17, 25_581, 100_000])
 def test_the_hann_window_is_the_stated_one(n):
     k = np.arange(n)

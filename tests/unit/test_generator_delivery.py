@@ -43,6 +43,7 @@ def spoilt(campaign, *faults):
     return by_topic(other)[Y6]
 
 
+@pytest.mark.slow
 def test_the_file_is_as_the_contract_asks(recording):
     with (recording / "a.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
@@ -101,6 +102,7 @@ def test_both_encoders_tell_the_ratio_of_the_teeth(campaign):
     assert turns[0] / turns[1] == pytest.approx(52 / 19, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_the_same_spec_gives_the_same_bits_and_another_seed_another_machine():
     small = {
         **SPEC,
@@ -115,6 +117,7 @@ def test_the_same_spec_gives_the_same_bits_and_another_seed_another_machine():
     assert not np.array_equal(one.windows[0].acceleration, other.windows[0].acceleration)
 
 
+@pytest.mark.slow
 def test_instrument_effects_act_on_the_accelerometer_alone(campaign):
     effects = [
         {"name": "sensor_gain", "gain": 0.5},
@@ -139,6 +142,7 @@ def test_instrument_effects_act_on_the_accelerometer_alone(campaign):
         assert np.array_equal(one.pinion_edges[1], two.pinion_edges[1])
 
 
+@pytest.mark.slow
 def test_instruments_may_drift_and_be_missing(campaign, tmp_path):
     faulty = {
         "encoder_drift_um": 50.0,
@@ -161,6 +165,7 @@ def test_instruments_may_drift_and_be_missing(campaign, tmp_path):
     assert {c.topic for c in summary.channels.values()} == {Y6, TORQUE, PINION}
 
 
+@pytest.mark.slow
 def test_wear_may_start_later_than_the_count(campaign):
     late = simulate({**SPEC, "wear": {"k_m2_per_n": 6e-12, "from_revolutions": 60}}, rig())
     assert late.truth["windows"][1]["depth"]["combined_um"] == 0.0
@@ -208,6 +213,7 @@ def test_a_spec_that_is_no_toml_or_not_there_is_one_clear_error(tmp_path):
         simulate_file(tmp_path / "bad.toml", tmp_path / "x.mcap")
 
 
+@pytest.mark.slow
 def test_a_rig_without_what_a_simulation_needs_is_named():
     for table in ("inertias", "mesh", "encoders", "end_of_life"):
         poor = {k: v for k, v in rig().items() if k != table}
@@ -215,6 +221,7 @@ def test_a_rig_without_what_a_simulation_needs_is_named():
             simulate({**SPEC, "truth": {"to_end_of_life": True}}, poor)
 
 
+@pytest.mark.slow
 def test_progress_is_told_and_the_rig_file_is_attached(tmp_path):
     text = (RECORDINGS / "rigs" / "unsw.toml").read_text(encoding="utf-8")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")

@@ -23,6 +23,7 @@ GIVEN = {  # edition: RMS of the last window [m/s²], its last sample, mean edge
 }
 
 
+@pytest.mark.slow
 def test_the_edition_is_the_one_whose_recordings_these_are():
     campaign = simulate(SMALL, rig())
     last = campaign.windows[-1]

@@ -19,6 +19,7 @@ def imported_packages(file: Path) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), [("recordings", "twin"), ("twin", "recordings")])
 def test_neither_generator_nor_twin_imports_the_other(one, other):
     files = sorted((ROOT / one).rglob("*.py"))

@@ -47,6 +47,7 @@ def test_every_window_finds_a_loose_accelerometer_otherwise():
     assert np.ptp(levels) > 0.03
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_off_gives_the_signal_of_another_moment():
     values = np.sin(2 * np.pi * 300 * TIME)
     inside = slice(4000, -4000)

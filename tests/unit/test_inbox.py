@@ -80,6 +80,7 @@ def test_a_time_that_no_frame_can_have_makes_no_window_of_what_is_left_out(start
     assert assembler.flush() == []
 
 
+@pytest.mark.slow
 def test_nothing_that_names_key_grows_with_the_names():
     """Every topic that was refused was once remembered for good."""
     inbox = Inbox()

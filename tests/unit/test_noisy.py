@@ -78,6 +78,7 @@ def changes(flags):
     return sum(a != b for a, b in pairwise(flags))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUANTITIES)
 @pytest.mark.parametrize("seed", range(5))
 def test_quantity_that_scatters_about_its_limit_changes_what_is_said_once_at_most(name, seed):

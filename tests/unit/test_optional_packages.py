@@ -5,9 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from service.cli import EXTRAS
 
 
+@pytest.mark.slow
 def test_no_module_that_the_service_runs_loads_an_optional_package():
     modules = ("twin.step", "service.runtime.assess", "service.runtime.serve", "service.cli.commands")
     telemetry = {"opentelemetry.sdk", "opentelemetry.exporter"}
@@ -22,6 +25,7 @@ def test_no_module_that_the_service_runs_loads_an_optional_package():
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_needs():
     later = {
         "matplotlib", "PIL", "scipy", "pandas", "alembic", "twin.step", "twin.tracing.trace",
@@ -39,6 +43,7 @@ def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_nee
     assert done.stderr.strip() == ""
 
 
+@pytest.mark.slow
 def test_a_start_of_the_service_makes_no_model_of_an_answer_ready():
     code = (
         "import sys; from service.runtime import serve; from service.contract.base import AnswerModel\n"

@@ -80,6 +80,7 @@ def first_word(text):
     return text.split()[0].lower().strip(",.:")
 
 
+@pytest.mark.slow
 def test_every_remedy_begins_with_a_verb():
     remedies = list(given("twin", "remedies"))
     assert len(remedies) > 15 and {r for r in remedies if first_word(r) not in VERBS} == set()
@@ -88,6 +89,7 @@ def test_every_remedy_begins_with_a_verb():
     assert first_word(status.action) in VERBS and status.action[0].isupper()
 
 
+@pytest.mark.slow
 def test_every_action_begins_with_a_verb():
     actions = [kind.facts.action for kind in EFFECTS.values()] + [fault.action for fault in CHANNEL_FAULTS.values()]
     actions += [quantity.action for quantity in QUANTITIES.values() if quantity.action]

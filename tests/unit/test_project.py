@@ -105,6 +105,7 @@ def tracked() -> list[Path]:
     return [ROOT / name for name in listed.split("\0") if name and (ROOT / name).is_file()]
 
 
+@pytest.mark.slow
 def test_the_core_knows_arrays_and_numbers_alone():
     for file in sources("twin"):
         beyond = packages(file) - sys.stdlib_module_names - {"twin", "numpy", "scipy", "__future__"}
@@ -113,6 +114,7 @@ def test_the_core_knows_arrays_and_numbers_alone():
         assert "open" not in {n.id for n in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(n, ast.Name)}
 
 
+@pytest.mark.slow
 def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_when_it_runs():
     for file in sources("service"):
         if (ROOT / "service" / "cli") in file.parents:
@@ -121,6 +123,7 @@ def test_the_service_asks_for_the_generator_in_the_command_line_alone_and_only_w
             assert "recordings" not in packages(file), file
 
 
+@pytest.mark.slow
 def test_files_that_need_an_extra_are_imported_by_none_as_a_whole():
     names = {path.removesuffix(".py").replace("/", ".") for path in LOADED_WHERE_SET}
     for file in sources("service"):
@@ -128,6 +131,7 @@ def test_files_that_need_an_extra_are_imported_by_none_as_a_whole():
             assert not names & imports(file, anywhere=False), file
 
 
+@pytest.mark.slow
 def test_what_the_program_imports_is_declared():
     extras = PROJECT["project"]["optional-dependencies"]
     optional = [d for name in ("analysis", *PLANT) for d in extras[name]]  # tests/unit/test_optional_packages.py
@@ -202,6 +206,7 @@ def test_each_make_target_of_the_documentation_exists(target):
     assert re.search(rf"^{target}:", makefile, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_no_file_names_a_machine_or_a_package_registry():
     for file in tracked():
         if file.suffix not in TEXT:
@@ -259,24 +264,42 @@ def test_a_skipped_test_is_a_failure_on_the_build_machine_unless_its_data_are_ab
     assert may_be_skipped(marks, environment, shared_here) is allowed
 
 
+RULES_ALONE = "[pytest]\nmarkers =\n    slow\n    shared\n    containers\n"
+
+
+def run_by_the_rules(folder: Path, tests: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs tests under the rules of the build machine, with a deadline that has passed."""
+    (folder / "rules.py").write_text((ROOT / "tests" / "rules.py").read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "conftest.py").write_text("from rules import *\n")
+    (folder / "pytest.ini").write_text(RULES_ALONE)
+    (folder / "test_some.py").write_text(f"import pytest\n{tests}")
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *arguments],
+        cwd=folder, env={"CI": "true", "GEAR_TWIN_TEST_DEADLINE": "1", **environment}, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
 def test_skips_fail_and_longer_proofs_stop_at_the_deadline_on_the_build_machine(tmp_path):
-    (tmp_path / "rules.py").write_text((ROOT / "tests" / "rules.py").read_text(encoding="utf-8"), encoding="utf-8")
-    (tmp_path / "conftest.py").write_text("from rules import *\n")
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    slow\n    shared\n    containers\n")
-    (tmp_path / "test_some.py").write_text(
-        "import pytest\n"
+    tests = (
         "@pytest.mark.slow\ndef test_long(): pass\n"
         "def test_skips(): pytest.skip('because')\n"
         "@pytest.mark.shared\ndef test_without_data(): pytest.skip('no data')\n"
         "@pytest.mark.xfail\ndef test_known(): assert False\n"
         "def test_good(): pass\n"
     )
-    environment = {"CI": "true", "GEAR_TWIN_TEST_DEADLINE": "1", "GEAR_TWIN_SHARED": str(tmp_path / "nothing")}
-    said = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True,
-    )  # fmt: skip
+    said = run_by_the_rules(tmp_path, tests, "-p", "no:xdist", GEAR_TWIN_SHARED=str(tmp_path / "nothing"))
     assert said.returncode == 1
     assert "1 failed, 1 passed, 1 skipped, 1 xfailed" in said.stdout.splitlines()[-1]
     assert "skipped, which is a failure where CI is set: Skipped: because" in said.stdout
     assert "not begun, the time of the run being used up: 1 longer proofs" in said.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [("-p", "no:xdist"), ("-n", "2", "--dist", "worksteal")])
+def test_a_run_that_leaves_a_proof_out_has_failed_though_every_test_that_ran_has_passed(tmp_path, arguments):
+    tests = "@pytest.mark.slow\ndef test_long(): pass\ndef test_good(): pass\n"
+    said = run_by_the_rules(tmp_path, tests, *arguments)
+    assert (said.returncode, said.stdout.splitlines()[-1].split(" in ")[0].strip("= ")) == (1, "1 passed")
+    assert "not begun, the time of the run being used up: 1 longer proofs" in said.stdout
+    assert run_by_the_rules(tmp_path, tests, *arguments, GEAR_TWIN_TEST_DEADLINE="inf").returncode == 0

@@ -58,6 +58,7 @@ def test_a_drawn_depth_is_off_as_campaigns_are():
     assert 0.006 < off.std() < 0.013
 
 
+@pytest.mark.slow
 def test_bands_of_drawn_lives_hold_the_truth():
     """A coarse check of all classes that windows can show: benchmarks.reliability has the figures."""
     seen = [

@@ -54,6 +54,7 @@ def minimal_rig() -> Rig:
     return Rig.from_mapping({"gears": wheels, "sensors": {"accelerometer": "y6"}})
 
 
+@pytest.mark.slow
 def test_same_rig_state_and_window_give_the_same_answer():
     rig, windows = recorded()
     state = uninterrupted()[FIRST_WORN - 1][0]
@@ -69,6 +70,7 @@ def test_state_survives_json_to_the_bit():
         assert strict(State.from_dict(json.loads(text)).to_dict()) == text
 
 
+@pytest.mark.slow
 def test_run_resumed_from_a_json_state_equals_the_uninterrupted_one_to_the_bit():
     rig, windows = recorded()
     state = State()
@@ -148,6 +150,7 @@ def test_rms_update_sets_the_depth_from_the_rms_with_a_wide_band():
     assert record["wear_depth_p95_um"] > 1.7 * record["wear_depth_um"]
 
 
+@pytest.mark.slow
 def test_no_update_after_the_last_that_is_allowed():
     rig, windows = recorded()
     state = uninterrupted()[FIRST_WORN][0]
@@ -175,6 +178,7 @@ def test_missing_torque_is_said_and_the_rigs_nominal_torque_used():
     assert estimate.record["wear_depth_um"] == pytest.approx(true, rel=0.03)
 
 
+@pytest.mark.slow
 def test_missing_gear_encoder_leaves_the_pinions_with_a_wider_band():
     rig, windows = recorded()
     state, band = State(), {}

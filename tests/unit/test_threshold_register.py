@@ -68,6 +68,7 @@ def test_every_number_that_something_is_compared_with_is_in_the_register():
     assert not missing, "\n".join(missing)
 
 
+@pytest.mark.slow
 def test_every_set_of_thresholds_is_in_the_register():
     listed = {(kind.__module__, kind.__name__) for kind in SETS}
     for file in (ROOT / "twin").rglob("*.py"):
@@ -118,6 +119,7 @@ def test_scales_of_a_rig_file_with_tooth_counts_alone_are_those_that_need_no_mor
     assert set(scales.values) <= set(UNITS)
 
 
+@pytest.mark.slow
 def test_command_prints_the_register_with_sizes_on_a_rig():
     command = [sys.executable, "-m", "service", "thresholds", "--rig", "recordings/rigs/unsw.toml"]
     done = subprocess.run([*command, "--json", "-"], cwd=ROOT, capture_output=True, text=True, check=True)

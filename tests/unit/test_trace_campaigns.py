@@ -145,6 +145,7 @@ def kept(tmp_path_factory):
     return row, folder, path
 
 
+@pytest.mark.slow
 def test_a_recording_is_made_once_and_kept_with_its_truth(kept):
     row, folder, path = kept
     made = path.stat().st_mtime_ns

@@ -91,6 +91,7 @@ def test_a_crack_is_told_by_its_loss_and_a_list_of_teeth_by_its_spread():
     assert (f.true, f.said, f.std) == (2.0, pytest.approx(2.0), None)
 
 
+@pytest.mark.slow
 def test_pitch_errors_are_compared_with_what_was_drawn():
     """The campaign's own teeth, found again from its seed; others' truths stay as they are."""
     sizes = {"pinion_um": 4.0, "gear_um": 0.0}

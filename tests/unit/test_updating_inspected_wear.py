@@ -162,6 +162,7 @@ def test_inspection_that_agrees_narrows_the_band():
     assert estimate(of, inspected(6000, RATE * 6000, 0.01 * RATE * 6000)).track.var_work < 0.4 * alone
 
 
+@pytest.mark.slow
 def test_hundreds_of_simulated_inspections_are_within_their_uncertainty():
     """|error after| in its own standard deviations, and the mean error before and after."""
     random = np.random.default_rng(13)

@@ -67,6 +67,7 @@ def test_twelve_machines_fit_by_default():
     assert turns(12, PathCache().budget) == pytest.approx(1 - 1 / 40)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", [(), (EFFECTS["misalignment"](lead_gap=30e-6),)], ids=["plain", "sliced"])
 def test_a_path_takes_the_memory_that_it_says(effects):
     """The budget is kept by what paths say of themselves; tracemalloc sees every array of numpy."""

@@ -135,6 +135,7 @@ def commands_docstrings(file: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, ast.get_docstring(node) or ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["gear_twin", "service", "twin", "studies"])
 def test_messages_of_the_program_have_no_retired_words(folder):
     found = {}
@@ -148,6 +149,7 @@ def test_messages_of_the_program_have_no_retired_words(folder):
     assert found == {}
 
 
+@pytest.mark.slow
 def test_keys_of_the_answers_are_in_plain_words():
     from benchmarks import reference
 

@@ -51,6 +51,7 @@ def test_depth_life_and_level_of_a_machine_whose_accelerometer_reads_12_percent_
     check_depth_life_and_level(campaign(shared, "D09"))
 
 
+@pytest.mark.slow
 def test_level_alone_takes_a_sensor_that_reads_low_for_less_wear(shared):
     """What the paper's way gives on D09; the fused way beside it is within 1 %."""
     score = campaign(shared, "D09")

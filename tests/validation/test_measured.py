@@ -96,6 +96,7 @@ def part(window, low, high):
     return replace(window, accelerations=samples)
 
 
+@pytest.mark.slow
 @needs
 def test_baseline_of_four_healthy_recordings_says_that_it_cannot_judge_teeth_and_is_never_explained(brought):
     def file(state, percent):
@@ -111,6 +112,7 @@ def test_baseline_of_four_healthy_recordings_says_that_it_cannot_judge_teeth_and
     assert {kind.what for kind in sufficiency.not_judged} == {"single teeth", "changes of a sensor or its mount"}
 
 
+@pytest.mark.slow
 @needs
 def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brought):
     found = load(brought("spur-rig-28ch-2000rpm", "channels.npz"))
@@ -125,6 +127,7 @@ def test_modulation_of_the_28_channel_rig_is_named_and_belongs_to_no_gear(brough
     assert {c["name"] for c in race["causes"] if c["possible"]} >= {"outer race of a bearing on the pinion", shared}
 
 
+@pytest.mark.slow
 @needs
 def test_modulation_of_the_28_channel_rig_is_found_on_every_channel_alone(brought):
     """Its sidebands stand at least 12 times above the median of their neighbourhood on each of the ten."""
@@ -137,6 +140,7 @@ def test_modulation_of_the_28_channel_rig_is_found_on_every_channel_alone(brough
         assert all(s.log_chance < np.log(0.01) for s in alone.spacings)
 
 
+@pytest.mark.slow
 @needs
 def test_search_about_shifted_places_of_the_28_channel_rig_finds_no_more_than_chance(brought):
     found = load(brought("spur-rig-28ch-2000rpm", "channels.npz")).windows[0]
@@ -169,6 +173,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 @needs
 @pytest.mark.parametrize("what", WRONG)
 @pytest.mark.parametrize("state", ["h", "b"])

@@ -54,6 +54,7 @@ def crooked(variant, tilt):
     return run(system(), variant, tilt, 800.0, 200.0, *COARSE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["rigid", "both"])
 @pytest.mark.parametrize("tilt", ["aligned", "normal"])
 def test_lines_lie_at_teeth_times_rotation_times_harmonic(variant, tilt):
@@ -62,6 +63,7 @@ def test_lines_lie_at_teeth_times_rotation_times_harmonic(variant, tilt):
     assert power[TEETH - 1 :: TEETH].sum() == pytest.approx(power.sum(), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", [*SUPPORTS, "all"])
 def test_every_case_raises_the_second_mesh_harmonic(variant):
     assert all(r.bands[1] > 0 for r in rises(variant))

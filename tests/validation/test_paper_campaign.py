@@ -62,6 +62,7 @@ def test_one_update_at_6000_revolutions_brings_level_and_depth_together():
     assert abs(line.depth_error) < 3
 
 
+@pytest.mark.slow
 def test_no_second_update_is_needed_at_12000_revolutions():
     line = one_update()["fused", 12000]
     assert abs(line.rms_error) < THRESHOLD

@@ -35,10 +35,12 @@ def check(score: Traced, percent=15.0):
     assert not score.visible or score.halved
 
 
+@pytest.mark.slow
 def test_eccentric_gear_is_named_and_the_depth_left_alone(shared):
     check(campaign(shared, "D04"))
 
 
+@pytest.mark.slow
 def test_non_gear_tones_are_named_by_their_frequencies_and_given_no_effects_name(shared):
     score = campaign(shared, "D08")
     assert score.right and score.named == ("unknown_effect",) and score.lines_found == 3

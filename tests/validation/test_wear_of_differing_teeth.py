@@ -56,6 +56,7 @@ def own_and_theirs(m, differences):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("revolutions", [300, 1500])  # few of the mates have met before
 def test_flanks_of_gears_with_pitch_errors(revolutions):
     effect = knobs()
@@ -67,6 +68,7 @@ def test_flanks_of_gears_with_pitch_errors(revolutions):
         assert np.vdot(own, theirs) == pytest.approx(np.vdot(theirs, theirs), rel=WITHIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("revolutions", [300, 1500])
 def test_flanks_of_a_gear_with_a_soft_tooth(revolutions):
     effect = knobs("tooth_crack", tooth=7, remaining_stiffness=0.35)

@@ -5,7 +5,7 @@ Frozen data; a detector gives back new findings with what it adds (twin/tracing/
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -17,6 +17,7 @@ from twin.effects.response import Effect
 from twin.features.tones import NonGearTone
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.mesh_search import MeshFindings
+from twin.tracing.shaft_remainder import ShaftLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,6 +147,14 @@ class Findings:
     def tooth_errors(self) -> tuple[AttributedEffect, ...]:
         """The effects found by which teeth differ from one another: their lines are at all orders of both shafts."""
         return tuple(f for f in self.effects if f.addition.effect.facts.acts_on == "teeth")
+
+    def forces_beside_teeth(self, lines: Sequence[ShaftLine]) -> tuple[ShaftForce, ...]:
+        """The suspected forces that teeth do not imitate: all where none differ, else those whose lines teeth cannot make.
+
+        lines  those at orders of the pinion that no displacement in the mesh makes
+        """
+        made = {(line.channel, line.order) for line in lines}
+        return tuple(f for f in self.forces if not self.tooth_errors or (f.channel, round(f.order)) in made)
 
     def known_orders(self, teeth: tuple[int, int]) -> tuple[float, ...]:
         """Orders of the pinion, rising, at which effects that make one line were found: run-outs, forces on a shaft."""

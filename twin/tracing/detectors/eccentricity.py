@@ -124,7 +124,7 @@ def detect(context: TracingContext, limits: EccentricityThresholds = THRESHOLDS)
     windows = [_window(context, w) for w in chosen]
     explained = {0: 0j, 1: 0j}  # run-out that the forces make which are suspected at the order of a shaft
     ratio = model.mesh.pair.teeth[0] / model.mesh.pair.teeth[1]
-    for force in findings.forces if not findings.tooth_errors else ():
+    for force in findings.forces_beside_teeth(context.shaft_lines) if findings.forces else ():
         if force.order in (1, ratio):
             made = run_out_of(model, context.fitting[0].condition, force.effect, force.order)
             explained[0 if force.order == 1 else 1] += made

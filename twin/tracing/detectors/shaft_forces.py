@@ -130,8 +130,9 @@ def confirm(context: TracingContext) -> Findings:
     confirmed = []
     lines = context.shaft_lines if findings.forces else ()
     orders = {round(force.order) for force in findings.forces}
+    beside = findings.forces_beside_teeth(lines)
     for force in findings.forces:
-        if force.channel == "acceleration" and findings.tooth_errors:
+        if force.channel == "acceleration" and force not in beside:
             continue
         if force.channel == "torque" and force.order in findings.run_out_orders:
             continue
