@@ -92,7 +92,7 @@ from twin.tracing.detectors.shaft_forces import ShaftForceThresholds
 from twin.tracing.detectors.tooth_errors import ToothErrorThresholds
 from twin.tracing.detectors.unknown import UnknownThresholds
 from twin.tracing.earned import EarnedLimits
-from twin.tracing.gain_change import GainDriftThresholds
+from twin.tracing.gain_change import GainDriftThresholds, MountChangeThresholds
 from twin.tracing.healthy_lines import HealthyLimits
 from twin.tracing.joining import JoiningLimits
 from twin.tracing.joint_problem import JointFitThresholds
@@ -101,6 +101,7 @@ from twin.tracing.mesh_fits import MeshSearchThresholds, MeshSearchWithDiffering
 from twin.tracing.mesh_laws import MeshLawThresholds
 from twin.tracing.mesh_pruning import PruningThresholds
 from twin.tracing.mesh_windows import OnsetThresholds
+from twin.tracing.mount_resonance import MountThresholds
 from twin.tracing.moved_lines import MovedLineLimits
 from twin.tracing.phase_lock import PhaseLockThresholds
 from twin.tracing.remounts import RemountLimits
@@ -238,6 +239,8 @@ SETS: tuple[type, ...] = (
     SearchStart,
     PatternThresholds,
     GainDriftThresholds,
+    MountChangeThresholds,
+    MountThresholds,
     MeshLawThresholds,
     CrackGrowthThresholds,
     SizeLawThresholds,

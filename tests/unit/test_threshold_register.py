@@ -95,7 +95,7 @@ def test_sizes_on_the_reference_rig_are_those_that_were_tuned_on_it():
     assert sizes["ToothErrorThresholds", "line_noise"] == pytest.approx(0.03e-6)
     assert sizes["TransferPathThresholds", "least_error"] == pytest.approx(0.3e-6)
     assert sizes["EccentricityThresholds", "least_without_run_out"] == pytest.approx(10e-6, rel=5e-3)
-    assert sizes["TransferPathThresholds", "resonance_band"] == pytest.approx((500.0, 6000.0))
+    assert sizes["MountThresholds", "resonance_band"] == pytest.approx((500.0, 6000.0))
 
 
 def test_sizes_grow_with_the_machine():

@@ -25,6 +25,11 @@ from twin.effects.setup import Setup
 from twin.effects.signature import Signature
 
 
+def transmitted(r: np.ndarray, ζ: np.ndarray | float) -> np.ndarray:
+    """a_reported/a; arrays of one shape, or that go together."""
+    return np.asarray((1 + 2j * ζ * r) / (1 - r**2 + 2j * ζ * r))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorResonance:
     """A soft mount."""
@@ -52,8 +57,7 @@ class SensorResonance:
 
     def response(self, frequency: np.ndarray) -> np.ndarray:
         """Complex gain at each frequency [Hz]; (m,) → (m,)."""
-        r, ζ = np.asarray(frequency) / self.frequency, self.damping_ratio
-        return (1 + 2j * ζ * r) / (1 - r**2 + 2j * ζ * r)
+        return transmitted(np.asarray(frequency) / self.frequency, self.damping_ratio)
 
     def apply(self, setup: Setup) -> Setup:
         return setup.with_sensor(self.response)

@@ -21,13 +21,13 @@ from math import log, pi
 
 import numpy as np
 
-from twin.effects.sensor_resonance import SensorResonance
 from twin.errors import NotAvailable
 from twin.thresholds import deciding
 from twin.tracing.context import TracedWindow, TracingContext
 from twin.tracing.findings import AccelerometerFault
-from twin.tracing.transfer_path import RATIOS, path_covariance, path_log
+from twin.tracing.mount_resonance import Mounts, within_half_turns
 from twin.tracing.transfer_path import THRESHOLDS as PATH
+from twin.tracing.transfer_path import path_covariance, path_log
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +66,6 @@ START_STEP = 0.5  # phase of the lowest lines from one delay, or rate, tried to 
 MOST_RATES = 200  # to either side
 MOST_STARTS = 400
 STEPS = 6  # of Gauss and Newton
-RESONANCES = 40  # tried
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -98,7 +97,7 @@ def accelerometer_fault_of(
     C = C + noise + context.rig.tolerances.accelerometer_gain**2 * np.outer(level, level)
     z = np.concatenate((lines.log.real, lines.log.imag)) - mean
     good = _Normal.of(C)
-    usual = good.chi_square(_wrapped(z, n)[None])[0]
+    usual = good.chi_square(within_half_turns(z)[None])[0]
     if usual < limits.suspected * 2 * n:
         return None
     others = [good.log(usual), _other_structure(z, C, n), _resonance(z, good, lines, context.rig.band[1])]
@@ -123,13 +122,6 @@ class _Normal:
     def log(self, chi_square):
         """ln of the density."""
         return -0.5 * (chi_square + self.log_size)
-
-
-def _wrapped(z: np.ndarray, n: int) -> np.ndarray:
-    """With the phases, which stand behind the first n, within ±π."""
-    out = np.array(z, dtype=float)
-    out[..., n:] = np.angle(np.exp(1j * out[..., n:]))
-    return out
 
 
 def _quotients(context: TracingContext, first_ns: int) -> _Lines | None:
@@ -160,19 +152,13 @@ def _quotients(context: TracingContext, first_ns: int) -> _Lines | None:
 def _other_structure(z: np.ndarray, C: np.ndarray, n: int) -> float:
     """ln of the density where the structure is another one."""
     wide = _Normal.of(C + PATH.other_structure_scatter**2 * np.eye(2 * n))
-    return float(wide.log(wide.chi_square(_wrapped(z, n)[None])[0]))
+    return float(wide.log(wide.chi_square(within_half_turns(z)[None])[0]))
 
 
 def _resonance(z: np.ndarray, good: _Normal, lines: _Lines, top: float) -> float:
     """ln of the density with a resonance of the mount, the best of a grid."""
-    low, high = (share * top for share in PATH.resonance_band)
-    tried = [
-        np.log(SensorResonance(frequency=float(f0), damping_ratio=ζ).response(lines.frequency))
-        for f0 in np.geomspace(low, high, RESONANCES)
-        for ζ in RATIOS
-    ]
-    moved = z - np.array([np.concatenate((t.real, t.imag)) for t in tried])
-    return float(good.log(good.chi_square(_wrapped(moved, lines.log.size))).max())
+    left = Mounts.of(top, lines.frequency).left_of(z)
+    return float(good.log(good.chi_square(left)).max())
 
 
 def _best_fault(
@@ -222,16 +208,15 @@ class _Trial:
 
     def fitted(self, limits: AccelerometerFaultThresholds) -> tuple[float, np.ndarray, float]:
         """ln of the probability of the data, delay and rate (d,), and the delay's standard deviation [s]."""
-        n = self.lines.log.size
         spread = np.array([limits.usual_delay, limits.usual_rate])[: len(self.columns)]
         size = self._starts(limits)
         J = np.concatenate((np.zeros_like(self.columns), self.columns), axis=1)  # (d, 2n)
         information = J @ self.good.inverse @ J.T + np.diag(1 / spread**2)
         for _ in range(STEPS):
-            left = _wrapped(self.z + size @ J, n)
+            left = within_half_turns(self.z + size @ J)
             slope = left @ self.good.inverse @ J.T + size / spread**2
             size = size - np.linalg.solve(information, slope.T).T
-        chi = self.good.chi_square(_wrapped(self.z + size @ J, n)) + ((size / spread) ** 2).sum(axis=1)
+        chi = self.good.chi_square(within_half_turns(self.z + size @ J)) + ((size / spread) ** 2).sum(axis=1)
         best = int(np.argmin(chi))
         volume = float(np.linalg.slogdet(information * np.outer(spread, spread))[1])
         std = float(np.sqrt(np.linalg.inv(information)[0, 0]))

@@ -31,10 +31,10 @@ from twin.effects.response import Effect
 from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.tracing.joint_fit import JointFit
+from twin.tracing.mount_resonance import Mounts, within_half_turns
 from twin.tracing.observed import Observed
 
 DRAWS = 160  # of structures within the rig file's tolerance
-RATIOS = (0.02, 0.05, 0.1)  # damping of the mount, that are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,16 +81,9 @@ class TransferPathThresholds:
         meaning="spreads of the structure that are taken for equally likely",
         source="not derived: tolerances are estimates, trusted within a factor of two; even on a logarithmic scale",
     )
-    resonance_band: tuple[float, float] = deciding(
-        (0.25, 3.0),
-        of="upper limit of the analysis band",
-        meaning="frequencies among which a resonance of the mount is searched for",
-        source="not derived: below, the structure's own modes; above, the line of the band hardly moves",
-    )
 
 
 THRESHOLDS = TransferPathThresholds()
-FREQUENCIES = 60  # of the mount, that are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -289,13 +282,12 @@ def fit_sensor(
     noise = np.diag(np.tile([q.std**2 + limits.own_scatter**2 for q in lines], 2))
     other = limits.other_structure_scatter**2 * np.eye(z.size)
     path = PathScatter(
-        rest=z - mean,
+        rest=within_half_turns(z - mean),
         covariances=tuple(s**2 * C + noise for s in limits.tolerance_scales),
         other=C + noise + other,
     )
     gain = _fitted_gain(path, rig.tolerances.accelerometer_gain)
-    low, high = (share * rig.band[1] for share in limits.resonance_band)
-    resonance = _fitted_resonance(path, f, np.geomspace(low, high, FREQUENCIES))
+    resonance = _fitted_resonance(path, Mounts.of(rig.band[1], f))
     return [gain, resonance]
 
 
@@ -352,28 +344,14 @@ def _fitted_gain(path: PathScatter, prior: float) -> PathFit:
     )
 
 
-def _fitted_resonance(path: PathScatter, f: np.ndarray, frequencies: np.ndarray) -> PathFit:
-    """A resonance of the mount, every frequency and damping ratio of the grid as likely before.
-
-    f  frequencies of the lines (n,) [Hz]
-    """
-    kind = EFFECTS["sensor_resonance"]
-    tried = [kind(frequency=float(f0), damping_ratio=ζ) for f0 in frequencies for ζ in RATIOS]
-    shapes = np.log([effect.response(f) for effect in tried])
-    moved = path.rest - np.concatenate((shapes.real, np.angle(np.exp(1j * shapes.imag))), axis=1)
-    likelihood = _ln_mean(path.likelihoods(moved))
-    best = int(np.argmax(likelihood))
-    evidence = float(np.log(np.mean(np.exp(likelihood - likelihood[best]))) + likelihood[best])
-    weight = np.exp(likelihood - likelihood[best])
-    logs = np.log([effect.frequency for effect in tried])
-    spread = float(np.sqrt((weight * (logs - (weight * logs).sum() / weight.sum()) ** 2).sum() / weight.sum()))
-    ratios = np.array([effect.damping_ratio for effect in tried])
-    step = float(np.log(frequencies[1] / frequencies[0]))
+def _fitted_resonance(path: PathScatter, mounts: Mounts) -> PathFit:
+    """A resonance of the mount."""
+    found = mounts.likeliest(_ln_mean(path.likelihoods(mounts.left_of(path.rest))))
     return PathFit(
         name="sensor_resonance",
-        effect=tried[best],
-        std=float(np.hypot(spread, step / np.sqrt(12))),
-        damping_std=float(np.sqrt(weight @ (ratios - tried[best].damping_ratio) ** 2 / weight.sum())),
-        log_evidence=evidence - path.plain,
-        over_other=evidence - path.by_other,
+        effect=found.effect,
+        std=found.std,
+        damping_std=found.damping_std,
+        log_evidence=found.log_evidence - path.plain,
+        over_other=found.log_evidence - path.by_other,
     )

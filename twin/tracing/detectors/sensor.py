@@ -1,7 +1,8 @@
 """Is the accelerometer wrong? Its gain or a resonance of its mount, from the acceleration over the transmission error.
 
 A change of gain between two windows, or a drift of it, by which all lines change alike, is the sensor's whatever the
-structure; where each line changes by a factor of its own, the structure has changed. A gain or a resonance that was
+structure; one along the curve of a resonance is its mount's; where each line changes by a factor of its own, the
+structure has changed. A gain or a resonance that was
 there from the start must stand out from the rig file's tolerance of the structure, and from a structure of another
 kind.
 
@@ -23,7 +24,7 @@ from twin.tracing.attribution import AttributedEffect
 from twin.tracing.context import TracingContext
 from twin.tracing.detectors.mesh import wear_alone
 from twin.tracing.findings import Findings
-from twin.tracing.gain_change import DRIFT, GainChange, change_of_lines, gain_change
+from twin.tracing.gain_change import DRIFT, GainChange, Mounted, change_of_lines, gain_change, mount_change
 from twin.tracing.transfer_path import PathFit, fit_sensor, quotients
 
 TUNED = "tuned on D00–D13 and T01–T58; not derived"
@@ -68,6 +69,10 @@ def detect(context: TracingContext, limits: SensorThresholds = THRESHOLDS) -> Fi
     windows = [shown[o.index] for o in mesh.windows]
     seen = quotients(mesh.best, windows, context.model.mesh.pair.teeth[0], context.scales.graduation[0])
     tolerance = context.rig.tolerances.accelerometer_gain
+    resonant = mount_change(seen, context.rig.band[1], tolerance)
+    needed = context.required.least("sensor_resonance", limits.least_evidence)
+    if resonant is not None and resonant.mount.log_evidence > needed:
+        return findings.adding(_of_mount(resonant), rejected=context.rejected)
     change = gain_change(seen, tolerance)
     if change is not None:
         drifts = change.law.kind == "linear"
@@ -98,10 +103,7 @@ def _of_fit(best: PathFit, others: Sequence[PathFit]) -> AttributedEffect:
         parameters = {"gain": (float(effect.gain), "", float(effect.gain * best.std))}
     else:
         assert isinstance(effect, SensorResonance)
-        parameters = {
-            "frequency": (float(effect.frequency), "Hz", float(effect.frequency * best.std)),
-            "damping_ratio": (float(effect.damping_ratio), "", best.damping_std),
-        }
+        parameters = _of_resonance(effect, best.std, best.damping_std)
     other = max(others, key=lambda s: s.log_evidence, default=None)
     return AttributedEffect.of(
         effect,
@@ -124,3 +126,24 @@ def _of_change(change: GainChange) -> AttributedEffect:
         log_evidence=change.log_evidence,
         detail=f"the gain {how}: no structure does that",
     )
+
+
+def _of_mount(change: Mounted) -> AttributedEffect:
+    mount = change.mount
+    return AttributedEffect.of(
+        mount.effect,
+        onset=change.onset,
+        onset_std=change.onset_std,
+        parameters=_of_resonance(mount.effect, mount.std, mount.damping_std),
+        log_evidence=mount.log_evidence,
+        detail="the lines have changed between two windows along the curve of one resonance: no gain and no structure "
+        "does that",
+    )
+
+
+def _of_resonance(effect: SensorResonance, std: float, damping_std: float) -> dict[str, tuple[float, str, float]]:
+    """Its numbers; `std` is that of ln of the frequency."""
+    return {
+        "frequency": (float(effect.frequency), "Hz", float(effect.frequency * std)),
+        "damping_ratio": (float(effect.damping_ratio), "", damping_std),
+    }
