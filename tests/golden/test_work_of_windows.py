@@ -1,7 +1,7 @@
 """The work of a window, pinned in counts: what became slower unseen cannot hide behind a busy machine.
 
 Written by   python -m tests.golden.work_of_windows
-Tolerance    none on the Python that wrote them; 5 % elsewhere, where libraries round differently
+Tolerance    none on the Python and processor that wrote them; 5 % elsewhere, where libraries round differently
 """
 
 import json

@@ -12,6 +12,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import platform
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -60,7 +61,19 @@ def figures() -> dict[str, Any]:
         plain = getattr(CompiledBalance, name)
         setattr(CompiledBalance, name, _counted("products", lambda done, *_: done.progress.products, plain))
     mcap.decode = _counted("bytes", lambda _, channel, payload: len(payload), mcap.decode)
-    return {"python": [*sys.version_info[:2]], **{name: _of(name, *how) for name, how in RECORDINGS.items()}}
+    return {
+        "python": [*sys.version_info[:2], _processor()],
+        **{name: _of(name, *how) for name, how in RECORDINGS.items()},
+    }
+
+
+def _processor() -> str:
+    """The processor's model: libraries round by the instructions that it has."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
 def _of(name: str, most: int, options: Options) -> dict[str, Any]:
