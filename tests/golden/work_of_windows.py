@@ -73,7 +73,8 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+    return f"{model}, {'with' if any('avx512f' in line for line in lines) else 'without'} AVX-512"
 
 
 def _of(name: str, most: int, options: Options) -> dict[str, Any]:
