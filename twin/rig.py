@@ -122,6 +122,10 @@ class Rig:
         """Name of the reference accelerometer, the one that the wear update compares."""
         return self.get("sensors.accelerometer")
 
+    def calibrated(self, channel: str) -> bool:
+        """Whether the unit of a channel, such as accel/a1, is known; else its values are raw."""
+        return channel not in self.get("sensors.uncalibrated", ())
+
     @property
     def band(self) -> tuple[float, float]:
         """The band of the RMS [Hz]; 0–2000 Hz where the file does not say (paper 3.3)."""

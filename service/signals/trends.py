@@ -82,7 +82,8 @@ def _quantities(record: Mapping[str, Any]) -> Iterator[Quantity]:
         yield f"temperature/{place}", f"Temperature, {place}", slow["unit"], "temperature", slow["value"]
     for sensor, own in (record.get("indicators") or {}).items():
         for key, label, unit in SENSOR:
-            yield f"{sensor}/{key}", f"{sensor}: {label}", unit, f"accel/{sensor}", own.get(key)
+            shown = "" if own.get("unit") else unit  # of raw values, whose unit is not known
+            yield f"{sensor}/{key}", f"{sensor}: {label}", shown, f"accel/{sensor}", own.get(key)
         for gear, indicators in (own.get("gears") or {}).items():
             for key, label in GEAR:
                 group = f"accel/{sensor}, {gear}"

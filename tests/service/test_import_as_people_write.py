@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from service.files.guess import proposal_of
 from service.files.import_channel import mapped_channels, unwrapped
 from service.files.import_recording import toml_value
 from service.files.readers import read_table
+from service.signals.trends import trends_of
 from service.stream.sources.mcap import read_windows
 from twin.errors import WindowError
 from twin.features.pulses import PulseSettings, pulses_of
@@ -181,6 +183,26 @@ def test_a_level_without_a_unit_is_not_shown_in_one(tmp_path, monkeypatch, capsy
     record = json.loads((tmp_path / "a.json").read_text())["windows"][-1]
     assert record["indicators"]["vib1"]["unit"] == "unknown" and "unit" not in record["indicators"]["acc2"]
     assert record["not_available"]["torque_nm"] == "the unit of the torque channel is not known"
+
+
+@pytest.mark.parametrize("name", ["vib1", "accel_bearing", "Beschleunigung A"])
+def test_a_raw_reference_accelerometer_has_no_level_in_the_record_nor_in_what_is_made_of_it(
+    tmp_path, monkeypatch, capsys, name
+):
+    monkeypatch.chdir(tmp_path)
+    file = csv(tmp_path / "a.csv", f"time,{name}", list(vibration()))
+    assert run(["import", file, "--guess", "--teeth", "23/57", "--speed", "24.5", "--out", "a.mcap"]) == 0
+    assert run(["assess", "a.mcap", "--json", "a.json"]) == 0
+    assert run(["report", "a.json", "--out", "a.html"]) == 0
+    record = json.loads((tmp_path / "a.json").read_text())["windows"][-1]
+    (sensor,) = record["indicators"]
+    assert record["rms_measured"] is None and record["mesh_bands"] is None
+    assert record["not_available"]["rms"] == f"the unit of accel/{sensor} is not known"
+    assert record["indicators"][sensor]["rms"] > 0
+    trends = trends_of([SimpleNamespace(record=record)])
+    assert [q.unit for q in trends.quantities if q.name == f"{sensor}/rms"] == [""]
+    shown = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "m/s²" not in shown
 
 
 def test_a_mapping_without_a_data_file_takes_that_of_the_command(tmp_path, monkeypatch, capsys):

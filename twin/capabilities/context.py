@@ -119,6 +119,8 @@ def _unexplained(latest: LatestParts, reason: str) -> Unexplained:
 def _measured(context: Context, reason: str) -> WindowAssessment:
     """The record of a window by its features alone, with the reason why there is nothing more."""
     features = context.features
+    calibrated = context.rig.calibrated(f"accel/{features.sensor}")
+    raw = {} if calibrated else {"rms": f"the unit of accel/{features.sensor} is not known"}
     return WindowAssessment(
         index=context.state.windows_seen,
         kind=kind_of(features, context.rig),
@@ -126,12 +128,12 @@ def _measured(context: Context, reason: str) -> WindowAssessment:
         revolutions=features.revolutions,
         speed=features.speed_hz,
         torque=features.torque_nm,
-        rms_measured=features.rms,
+        rms_measured=features.rms if calibrated else None,
         modelled=False,
         speed_std=features.speed_std_hz,
         speed_source=features.angle_from,
         mesh_frequency=context.mesh_frequency,
-        mesh_bands=features.mesh_bands,
+        mesh_bands=features.mesh_bands if calibrated else None,
         notes=(reason,),
-        unavailable=dict(features.unavailable),
+        unavailable={**features.unavailable, **raw},
     )

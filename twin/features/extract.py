@@ -319,7 +319,7 @@ def _mean_torque(out: _Collector, rig: Rig, window: Window) -> Samples | None:
         why = "is in this window" if samples is None else "has a valid sample"
         out.missing("torque_nm torque", f"no torque channel of the pinion {why}")
         return None
-    if "torque/pinion" in rig.get("sensors.uncalibrated", ()):
+    if not rig.calibrated("torque/pinion"):
         out.missing("torque_nm torque", "the unit of the torque channel is not known")
         return None
     samples = replace(samples, values=without_spikes(samples.values))
@@ -336,7 +336,7 @@ def _indicators(out: _Collector, signals: WindowSignals, angle: bool) -> None:
         try:
             averages = partial(signals.gear_averages, name) if angle else None
             found[name] = sensor_indicators(samples, averages, teeth)
-            if f"accel/{name}" in rig.get("sensors.uncalibrated", ()):
+            if not rig.calibrated(f"accel/{name}"):
                 found[name] = replace(found[name], calibrated=False)
             if angle and signals.track.doubt:
                 found[name] = replace(found[name], doubt=signals.track.doubt)

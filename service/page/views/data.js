@@ -53,9 +53,9 @@ function indicatorsPanel(windows) {
   const latest = windows.findLast((w) => w.indicators && Object.keys(w.indicators).length);
   if (!latest) return [];
   const rows = Object.entries(latest.indicators).flatMap(([sensor, own]) =>
-    Object.entries(own.gears ?? { "–": {} }).map(([gear, found]) => [sensor,
+    Object.entries(own.gears ?? { "–": {} }).map(([gear, found]) => [sensor, own.unit ? "unknown" : "m/s²",
       ...SENSOR_INDICATORS.map((key) => number(own[key])), gear, ...GEAR_INDICATORS.map((key) => number(found[key]))]));
-  const heads = ["sensor", "RMS [m/s²]#", "kurtosis#", "crest factor#", "gear", "FM0#", "FM4#", "NA4#", "M6A#", "M8A#",
+  const heads = ["sensor", "unit", "RMS#", "kurtosis#", "crest factor#", "gear", "FM0#", "FM4#", "NA4#", "M6A#", "M8A#",
     "energy ratio#", "sideband level factor#"];
   return [panel(`Condition indicators, window ${latest.index}`, table(heads, rows))];
 }
