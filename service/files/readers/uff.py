@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from service.files.readers.stored import stored
 from service.files.readers.table import Column, Table, rounded_rate, unique_names
 
 PRINTED = 6e-6  # relative uncertainty of a step that is printed with six digits
@@ -22,7 +23,7 @@ def read_uff(path: Path) -> Table:
 
     file = pyuff.UFF(str(path))
     kinds = [int(kind) for kind in file.get_set_types()]
-    sets = [file.read_sets(i) for i, kind in enumerate(kinds) if kind == 58]
+    sets = [_kept(file.read_sets(i)) for i, kind in enumerate(kinds) if kind == 58]
     histories = [s for s in sets if _is_history(s)]
     if not histories:
         held = ", ".join(str(kind) for kind in sorted(set(kinds)))
@@ -42,10 +43,16 @@ def read_uff(path: Path) -> Table:
     return Table(format="UFF-58", columns=columns, notes=notes, started=moments[0] if moments else None)
 
 
+def _kept(data: dict[str, Any]) -> dict[str, Any]:
+    """A data set, of whose long rows only one is in memory at a time."""
+    rows = {key: np.asarray(data.get(key, ())) for key in ("data", "x")}
+    return data | {key: row if np.iscomplexobj(row) else stored(row.astype(float)) for key, row in rows.items()}
+
+
 def _is_history(data: dict[str, Any]) -> bool:
-    values = np.asarray(data.get("data", ()))
+    values = data["data"]
     kinds = (int(data.get("func_type", 1)), int(data.get("abscissa_spec_data_type", TIME)))
-    return values.size > 1 and not np.iscomplexobj(values) and kinds[0] in (0, 1) and kinds[1] in (0, TIME)
+    return values.size > 1 and values.dtype.kind != "c" and kinds[0] in (0, 1) and kinds[1] in (0, TIME)
 
 
 def _name(data: dict[str, Any]) -> str:
@@ -59,14 +66,13 @@ def _name(data: dict[str, Any]) -> str:
 
 
 def _column(name: str, data: dict[str, Any]) -> Column:
-    values = np.asarray(data["data"], dtype=float)
-    unit = str(data.get("ordinate_axis_units_lab", "") or "").strip()
+    values, unit = data["data"], str(data.get("ordinate_axis_units_lab", "") or "").strip()
     step, even = float(data.get("abscissa_inc", 0.0) or 0.0), int(data.get("abscissa_spacing", 1) or 0) == 1
     unit = "" if unit == "NONE" else unit
     if even and step > 0:
         start = float(data.get("abscissa_min", 0.0) or 0.0)
         return Column(name=name, values=values, unit=unit, rate=rounded_rate(1 / step, PRINTED), start=start)
-    return Column(name=name, values=values, unit=unit, times=np.asarray(data["x"], dtype=float))
+    return Column(name=name, values=values, unit=unit, times=data["x"])
 
 
 def _moment(text: str) -> datetime | None:
