@@ -55,7 +55,7 @@ class RigQuestions:
             asset = self._streams.asset_of(stream)
             if self._rigs.asks:
                 self._rigs.propose(asset, rig)
-            elif asset in self._reception.assets:
+            elif asset in self._reception.assets or self._lanes.find(asset) is not None:
                 if self._begins_without(asset):
                     self._look_up(asset)
                 else:

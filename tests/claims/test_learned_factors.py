@@ -63,4 +63,4 @@ def test_a_line_that_wear_leaves_teaches_as_before():
 def test_a_window_in_which_a_line_is_cancelled_spoils_no_factor_that_others_taught():
     """One window at the null between two that show the line: the prediction stays theirs within 5 %."""
     lines = [(float(i), 400.0, *path(left, 1.03)) for i, left in enumerate((0.8, 0.04, 0.8))]
-    assert abs(PATH.predict(tuple(lines), np.array([400.0]), 3)[0][0] - 1.0) < 0.05
+    assert abs(PATH.predict(tuple(lines), np.array([400.0]), 3)[0] - 1.0) < 0.05
