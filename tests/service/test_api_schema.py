@@ -98,6 +98,7 @@ def test_callers_with_each_credential_are_answered_by_the_description(target, ca
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_every_operation_is_answered_by_the_description_whoever_calls(tmp_path):
     tally = attack(2, 1, tmp_path, lambda line: None)
     assert tally.faults == [] and tally.requests > 1000
