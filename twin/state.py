@@ -14,6 +14,7 @@ from typing import Any
 from twin.assessment import (
     BaselineAssessment,
     CalibrationAssessment,
+    Detectable,
     EffectAssessment,
     EncoderPair,
     LevelReading,
@@ -65,6 +66,7 @@ class LatestParts:
     calibration: CalibrationAssessment | Unavailable | None = None
     baseline: BaselineParts | None = None
     encoder_pair: EncoderPair | None = None
+    detectable: Detectable | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -85,9 +85,12 @@ def step(rig: Rig, state: State, window: Window, options: Options = DEFAULT) -> 
     rhythm = state.rhythm.with_window(record.index, record.start_time_ns, missing)
     restarted = () if context.restarted is None else (context.restarted,)
     events = (WindowEvent(window=record), *restarted, *draft.assessment.events)
+    found, latest = draft.assessment, draft.state.latest
+    if draft.judged:
+        latest = replace(latest, unexplained=found.unexplained, detectable=found.detectable)
     return (
-        replace(draft.state, windows_seen=state.windows_seen + 1, rhythm=rhythm),
-        replace(draft.assessment, events=events, verdict=rhythm.verdict_window()),
+        replace(draft.state, windows_seen=state.windows_seen + 1, rhythm=rhythm, latest=latest),
+        replace(found, events=events, verdict=rhythm.verdict_window()),
     )
 
 

@@ -104,6 +104,7 @@ def answer_as_of(rig: Rig, state: State, reason: str) -> Assessment:
         baseline=None if compared is None else compared.baseline,
         encoder_pair=latest.encoder_pair,
         unattributed_lines=None if compared is None else compared.unattributed_lines,
+        detectable=latest.detectable,
         verdict=state.rhythm.verdict_window(),
     )
 

@@ -70,7 +70,7 @@ class MountChangeThresholds:
     modelled_scatter: float = deciding(
         0.2,
         meaning="of a quotient's logarithm from window to window where the model's transmission error is used, as wear "
-        "changes what the model lacks",
+        "changes the error of the model",
         source="observed: below 0.15 in most lines of five campaigns of the wide evaluation's draw 6, 0.3 at most",
     )
 
