@@ -24,9 +24,11 @@ from service.runtime.usable_cores import usable_cores
 AHEAD = 2  # calls that are handed over for each core, so that none waits for the next
 RETRIES = 4  # how often a call is carried out again whose process ended
 CONNECT_WAIT = 5.0  # for a cluster [s]
+START_ATTEMPTS = 4  # to start one on this machine
 STORE_BYTES = 80 * 2**20  # of shared memory: arguments and answers of calls are small
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_worker_register_timeout_seconds": "600",  # a process that is loading where cores are short is not killed
     "RAY_DEDUP_LOGS_SKIP_REGEX": ".",  # lines about a process that has ended: its call is carried out again
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # else a warning about machines without accelerators
 }
@@ -115,10 +117,7 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
         warnings.simplefilter("ignore")
         try:
             if address is None:
-                ray.init(
-                    num_cpus=workers or usable_cores(), include_dashboard=False, _node_ip_address="127.0.0.1",
-                    object_store_memory=STORE_BYTES, _temp_dir=str(folder), **common,
-                )  # fmt: skip
+                _start_here(ray, workers or usable_cores(), _temp_dir=str(folder), **common)
             else:
                 ray.init(address=address, **common)
         except (ConnectionError, ValueError) as error:
@@ -129,6 +128,27 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
                 yield ray
         finally:
             ray.shutdown()
+
+
+def _start_here(ray: Any, cores: int, **given: Any) -> None:
+    """Starts a Ray of this machine alone; InputError where it has not begun after several attempts.
+
+    Ray gives its own processes 30 s, which do not suffice where other programs have all cores.
+    """
+    for left in reversed(range(START_ATTEMPTS)):
+        try:
+            ray.init(
+                num_cpus=cores, include_dashboard=False, _node_ip_address="127.0.0.1",
+                object_store_memory=STORE_BYTES, **given,
+            )  # fmt: skip
+            return
+        except Exception as error:  # Ray raises no narrower one
+            ray.shutdown()
+            if not left:
+                said = str(error).partition("\n")[0]
+                raise InputError(
+                    f"Ray could not be started here: {said}: are the cores or the memory used up?"
+                ) from error
 
 
 def _demand_answer(address: str) -> None:
