@@ -22,6 +22,7 @@ import numpy as np
 from service.files.dates import stated_in
 from service.files.readers.stored import Row, StoredRow, changed, pieces, stored
 from service.files.readers.table import Column, Table, array_columns, group_of
+from service.printable import printable
 
 UNITS = ("unit", "units", "unitstring", "niunitdescription", "unitlabel")
 RATES = (
@@ -128,7 +129,7 @@ def _short(value: Any, most: int = 40) -> str:
 def said_by(error: Exception) -> str:
     """What a library says of a file that it cannot read, as a part of a sentence."""
     line = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
-    return _short("".join(c if c.isprintable() else "?" for c in line).strip(" ."), SAID)
+    return _short(printable(line).strip(" ."), SAID)
 
 
 @dataclass(slots=True, kw_only=True)
