@@ -121,9 +121,10 @@ def test_a_stored_row_has_the_values_of_the_array():
     assert row_of([np.arange(3), np.arange(2)]).tolist() == [0, 1, 2, 0, 1]
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves binary files open
 @pytest.mark.parametrize("spacing", [0, 1])
-@pytest.mark.parametrize("kind", [2, 4])
-def test_a_universal_data_set_is_the_same_in_parts_and_in_one(tmp_path, monkeypatch, kind, spacing):
+@pytest.mark.parametrize(("kind", "binary"), [(2, 0), (4, 0), (4, 1)])
+def test_a_universal_data_set_is_the_same_in_parts_and_in_one(tmp_path, monkeypatch, kind, binary, spacing):
     pyuff = pytest.importorskip("pyuff")
     from service.files.readers import uff
 
@@ -131,7 +132,8 @@ def test_a_universal_data_set_is_the_same_in_parts_and_in_one(tmp_path, monkeypa
     for node in (1, 2):
         pyuff.UFF(str(tmp_path / "a.uff")).write_sets(
             pyuff.prepare_58(
-                binary=0, func_type=1, rsp_node=node, rsp_dir=3, data=vibration(n) * node, x=np.arange(n) / RATE + 1.0,
+                binary=binary, func_type=1, rsp_node=node, rsp_dir=3,
+                data=vibration(n) * node, x=np.arange(n) / RATE + 1.0,
                 id1="run", id3="12-Mar-26 08:14:00", abscissa_spacing=spacing, abscissa_inc=1 / RATE, abscissa_min=1.0,
                 abscissa_spec_data_type=17, ordinate_spec_data_type=12, ordinate_axis_units_lab="g",
                 orddenom_spec_data_type=0, z_axis_spec_data_type=0, ord_data_type=kind, ver_num=0, load_case_id=0,

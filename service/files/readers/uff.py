@@ -16,7 +16,7 @@ from service.files.readers.table import Column, Table, rounded_rate, unique_name
 
 PRINTED = 6e-6  # relative uncertainty of a step that is printed with six digits
 LONG = 2**24  # data set as text that is read in parts [bytes]
-HEAD, TEXT = 13, 0  # lines above the values; how the library calls a data set as text
+HEAD = 13  # lines above the values
 TIME = 17  # abscissa_spec_data_type
 DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 MOMENTS = ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S")
@@ -55,12 +55,13 @@ def _parts(file: Any, path: Path, number: int, part: Path) -> Iterator[dict[str,
     import pyuff
 
     begin, end = (int(place) for place in file._block_ind[number])
-    if end - begin < LONG or file.get_set_formats()[number] != TEXT:
-        yield file.read_sets(number)
-        return
     with path.open("rb") as whole:
         whole.seek(begin)
-        head = b"".join(whole.readline() for _ in range(HEAD))
+        lines = [whole.readline() for _ in range(HEAD)]
+        if end - begin < LONG or lines[1][6:7].lower() == b"b":  # binary
+            yield file.read_sets(number)
+            return
+        head = b"".join(lines)
         while (left := end - whole.tell()) > 0:
             part.write_bytes(head + b"".join(whole.readlines(min(LONG, left)))[:left] + b"\n    -1\n")
             yield pyuff.UFF(str(part)).read_sets(0)
