@@ -24,6 +24,8 @@ from typing import Any, Literal, Protocol, TextIO
 
 import structlog
 
+from service.printable import printable
+
 OWN = ("service", "twin", "gear_twin", "recordings")  # loggers that the level of the settings is for
 PERIOD = 60.0  # within which the lines of a cause are counted [s]
 MOST_CAUSES = 500  # that are counted one by one; all others are one cause together
@@ -244,7 +246,7 @@ def _carried(logger: Any, method: str, event: Event) -> Event:
 
 def _text(logger: Any, method: str, event: Event) -> str:
     """A line for people: when, how grave, what; the asset and the window where the message does not name them."""
-    message = " ".join(event["event"].split())
+    message = printable(" ".join(event["event"].split()))
     named = [f"{key}={event[key]}" for key in ("asset", "window") if key in event and str(event[key]) not in message]
     line = f"{event['time']} {event['level']}: {message}" + (f" ({', '.join(named)})" if named else "")
     return f"{line}\n{event['exception']}" if event.get("exception") else line

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from service.printable import printable
+
 EXTRAS = {
     "numba": "analysis",
     "plotly": "analysis",
@@ -55,6 +57,6 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _fail(message: str, status: int) -> int:
-    line = " ".join(message.split())
+    line = printable(" ".join(message.split()))
     print(f"gear-twin: {line}", file=sys.stderr)
     return status

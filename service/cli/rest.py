@@ -99,6 +99,7 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
     """
     from service.access.client_tls import client_context
     from service.errors import InputError
+    from service.printable import all_printable
 
     data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
     headers = {"Content-Type": "application/octet-stream" if isinstance(body, bytes) else "application/json"}
@@ -109,7 +110,7 @@ def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, met
         opener = build_opener(ProxyHandler({}), _NoRedirects, HTTPSHandler(context=context))
         request = Request(url.rstrip("/") + path, data, headers, method=method)
         with opener.open(request, timeout=WAIT) as response:
-            return json.load(response)
+            return all_printable(json.load(response))
     except HTTPError as error:
         try:
             with error:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from service.printable import printable
+
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
@@ -29,7 +31,7 @@ def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
 
 def say(line: str) -> None:
     """One line on standard error."""
-    print(f"gear-twin: {line}", file=sys.stderr)
+    print(f"gear-twin: {printable(line)}", file=sys.stderr)
 
 
 def number(value: Any, digits: int = 4) -> str:

@@ -70,6 +70,7 @@ OF_PINION = {"pinion", "ritzel", "in", "input", "motor", "antrieb", "fast", "dri
 LEVELS_AB = re.compile(r"^(?P<stem>.*?)[ _.-]?(?P<level>[abAB])$")
 SELDOM, CLASSES = 0.05, 20  # share of samples at which a class changes, and how many classes there may be
 RAW_UNITS = {"v", "mv", "µv", "count", "counts", "-", ""}  # that say nothing of the quantity
+COUNTED = 0.9  # share of the steps of a counter that go one way
 TWO_LEVELS = 0.9  # share of the values of a tachometer that lie near one of its levels
 SAID_UNCERTAINTY = 1e-5  # relative, of a rate, from which it is said
 SPEEDS = (0.05, 2000.0)  # turns/s of a shaft
@@ -129,7 +130,7 @@ def proposal_of(table: Table, file: str, rate: float | None = None, shaft: str |
         if column.name not in paired:
             guesses.append(_guess(column, rates[column.name], longest))
     guesses += [_levels(pair) for pair in pairs]
-    named = [_named(g, taken, shaft) for g in _faster_first(guesses)]
+    named = [_named(g, taken, shaft) for g in _surest_first(guesses)]
     order = {name: i for i, name in enumerate(c.name for c in table.columns)}
     named.sort(key=lambda g: order[g.columns[0]])
     named += [Guess(columns=(name,), kind=LEFT_OUT, why=why) for name, why in table.left_out.items()]
@@ -216,10 +217,9 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
         return replace(base, why=f"constant, {good[0]:g}")
     if counts_rows(column):
         return replace(base, why="counts the rows: no time; give the sample rate (--rate)")
-    going = np.diff(unwrapped(good))
-    if np.all(going >= 0) or np.all(going <= 0):
-        return _rising(base, values, column.values.size < longest)
     known = UNITS.get(unit.lower())
+    if (known is None or known[0] != TEMPERATURE) and _one_way(good) >= (COUNTED if _are_counts(good, unit) else 1.0):
+        return _rising(base, good, column.values.size < longest)
     if unit.lower() in OTHER_UNITS or (known is None and unit.lower() in UNIT_NAMES - RAW_UNITS):
         return replace(base, why=OTHER_UNITS.get(unit.lower(), f"a quantity in {unit} has no channel"))
     kind = known[0] if known else next((k for k, pattern in NAMES if pattern.search(name)), "")
@@ -264,6 +264,17 @@ def _are_classes(good: np.ndarray) -> bool:
     )
 
 
+def _one_way(good: np.ndarray) -> float:
+    """The share of the steps other than 0 that go the way that most go."""
+    going = np.sign(np.diff(unwrapped(good)))
+    return float(max(np.mean(going[going != 0] > 0), np.mean(going[going != 0] < 0)))
+
+
+def _are_counts(good: np.ndarray, unit: str) -> bool:
+    """Whether values may be a sampled counter's, which may go back a little, or to 0 at each turn."""
+    return unit.lower() in RAW_UNITS and bool(np.all(good == np.rint(good))) and np.unique(good).size > CLASSES
+
+
 def _rising(base: Guess, values: np.ndarray, shorter: bool) -> Guess:
     """A column that goes one way: times of edges where it is shorter than the signals, else a counter or a time."""
     if shorter and np.all(np.diff(values) > 0):
@@ -271,7 +282,7 @@ def _rising(base: Guess, values: np.ndarray, shorter: bool) -> Guess:
             base, kind="encoder", unit="s", why="rises, and is shorter than the signals: times of edges",
             remark="edges_per_rev is not in the file: give the edges a turn",
         )  # fmt: skip
-    if np.all(values == np.rint(values)) and np.unique(values).size > CLASSES:
+    if _are_counts(values, ""):
         return replace(
             base, kind="encoder", unit=COUNTS, why="whole numbers that go one way: a counter that is sampled",
             remark="edges_per_rev is not in the file: give the counts a turn (--pulses-per-rev)",
@@ -299,9 +310,9 @@ def _two_levels(values: np.ndarray, pulses: Pulses) -> bool:
     return bool(share > TWO_LEVELS and SPEEDS[0] < pulses.speed and pulses.missed + pulses.doubled <= 2)
 
 
-def _faster_first(guesses: Sequence[Guess]) -> list[Guess]:
-    """Of two tachometers that do not say which shaft they are on, the faster is the pinion's."""
-    return sorted(guesses, key=lambda g: -(g.speed or 0.0))
+def _surest_first(guesses: Sequence[Guess]) -> list[Guess]:
+    """Those that say which shaft they are on, then tachometers, of which the faster is the pinion's."""
+    return sorted(guesses, key=lambda g: (not _shaft(split_unit(g.columns[0])[0]), -(g.speed or 0.0)))
 
 
 def _named(guess: Guess, taken: set[str], shaft: str | None) -> Guess:

@@ -115,7 +115,8 @@ def _channel(guess: Guess, known: Known) -> Sequence[str]:
     if guess.kind in (TIME, LEFT_OUT):
         said = f"{columns}: {guess.kind}, {guess.why}"
         return [f"# {' '.join(said.split())}"]
-    head = f"[channels.{toml_key(guess.name)}]" if guess.kind == "accel" else f"[channels.{guess.kind}.{guess.name}]"
+    group = "" if guess.kind == "accel" else f"{guess.kind}."
+    head = f"[channels.{group}{toml_key(guess.name)}]"
     lines = [f"{head}  # {guess.why}{'; ' + guess.remark if guess.remark else ''}"]
     if len(guess.columns) > 1:
         lines.append(f"columns = {toml_value(list(guess.columns))}")

@@ -238,11 +238,14 @@ def _volts_per_unit(where: str, key: str, kind: ChannelKind, stated: Any) -> Any
     return volts / (unit[2] * kind.import_units[unit[1]].factor)
 
 
-def unwrapped(values: np.ndarray) -> np.ndarray:
-    """The values of a counter without its passing from the largest number to 0, or back; others as they are."""
+def unwrapped(values: np.ndarray, per_turn: int = 0) -> np.ndarray:
+    """The values of a counter without its passing from the largest number to 0, or back; others as they are.
+
+    per_turn  counts a turn, of a counter that begins anew with each; 0 where they are not known
+    """
     steps = np.diff(values)
     largest = np.abs(steps).max(initial=0.0)
-    size = next((s for s in ROLL_OVER if values.max() < s and s / 2 < largest), None)
+    size = next((s for s in (float(per_turn), *ROLL_OVER) if values.max() < s and s / 2 < largest), None)
     if size is None or values.min() < 0:
         return values
     steps -= size * np.rint(steps / size)

@@ -166,7 +166,7 @@ def _checked_values(mapping: ImportMapping, channel: ChannelMapping, column: Col
         array = np.asarray(row)
         if seen.finite < array.size or np.any(array != np.rint(array)):
             raise InputError(f"{key} must hold whole numbers at every sample in {file}: counts of an encoder?")
-        return unwrapped(array)
+        return unwrapped(array, channel.edges_per_rev)
     elif seen.low == seen.high and not kind.slow:
         raise InputError(f"{key} is {seen.low:g} throughout {file}; the right column?")
     elif kind.vibration and seen.rises:

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from service import __version__
+from service.printable import all_printable
 from service.report.findings import Finding, findings, number
 
 LEVELS = {"normal": "Normal", "no_verdict": "No verdict", "watch": "Watch", "alarm": "Alarm", "end_of_life": "Stop"}
@@ -51,6 +52,7 @@ def report_of(
     machine  mapping of the rig file, where it is known
     made     when the report is made; now where it is not given
     """
+    answer = all_printable(answer)
     status, rul = answer.get("status") or {}, answer["rul"]
     records = tuple(answer["windows"])
     since = status.get("since") or {}
@@ -69,7 +71,7 @@ def report_of(
         limits=tuple(_limits(answer)),
         method=tuple(_method(answer)),
         quality=tuple(_quality(answer["data_quality"])),
-        machine=tuple(_machine(answer, machine)),
+        machine=tuple(_machine(answer, all_printable(machine))),
         windows=tuple(_windows(records)),
         versions=(
             ("gear-twin", __version__),

@@ -119,3 +119,52 @@ def test_a_stored_row_has_the_values_of_the_array():
     assert np.array_equal(beginning(row), values[: beginning(row).size])
     assert GrowingRow().row().size == 0
     assert row_of([np.arange(3), np.arange(2)]).tolist() == [0, 1, 2, 0, 1]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves binary files open
+@pytest.mark.parametrize("spacing", [0, 1])
+@pytest.mark.parametrize(("kind", "binary"), [(2, 0), (4, 0), (4, 1)])
+def test_a_universal_data_set_is_the_same_in_parts_and_in_one(tmp_path, monkeypatch, kind, binary, spacing):
+    pyuff = pytest.importorskip("pyuff")
+    from service.files.readers import uff
+
+    n, read = 1001, []
+    for node in (1, 2):
+        pyuff.UFF(str(tmp_path / "a.uff")).write_sets(
+            pyuff.prepare_58(
+                binary=binary, func_type=1, rsp_node=node, rsp_dir=3,
+                data=vibration(n) * node, x=np.arange(n) / RATE + 1.0,
+                id1="run", id3="12-Mar-26 08:14:00", abscissa_spacing=spacing, abscissa_inc=1 / RATE, abscissa_min=1.0,
+                abscissa_spec_data_type=17, ordinate_spec_data_type=12, ordinate_axis_units_lab="g",
+                orddenom_spec_data_type=0, z_axis_spec_data_type=0, ord_data_type=kind, ver_num=0, load_case_id=0,
+                ref_node=1, ref_dir=0, rsp_ent_name="", ref_ent_name="",
+            ),
+            "add",
+        )  # fmt: skip
+    for long in (2**24, 3000):
+        monkeypatch.setattr(uff, "LONG", long)
+        read.append(uff.read_uff(tmp_path / "a.uff"))
+    for one, parts in zip(read[0].columns, read[1].columns, strict=True):
+        assert one.values.size == n and np.array_equal(one.values, parts.values)
+        assert (one.name, one.unit, one.rate, one.start) == (parts.name, parts.unit, parts.rate, parts.start)
+        assert one.times is None or np.array_equal(one.times, parts.times)
+    assert read[0].started == read[1].started and read[0].started is not None
+
+
+def test_a_long_universal_data_set_takes_the_memory_of_its_file_and_little_more(tmp_path, monkeypatch):
+    pytest.importorskip("pyuff")
+    from service.files.readers import uff
+
+    head = ["    -1", "    58", "run", "NONE", "NONE", "NONE", "NONE"]
+    head += ["    1         0    0         0       NONE         1   3       NONE         0   0"]
+    head += [f"{2:10d}{LONG // 10:10d}{1:10d}{0:13.5e}{1 / RATE:13.5e}{0:13.5e}"]
+    head += [f"{kind:10d}    0    0    0 NONE                 NONE" for kind in (17, 12, 0, 0)]
+    line = "".join(f"{v:13.5e}" for v in vibration(6))
+    text = "\n".join([*head, *[line] * (LONG // 60), "    -1", ""])
+    (tmp_path / "a.uff").write_text(text)
+    monkeypatch.setattr(uff, "LONG", 2**18)
+    tracemalloc.start()
+    (column,) = uff.read_uff(tmp_path / "a.uff").columns
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert column.values.size == LONG // 60 * 6 and most < len(text) + 11e6

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from datetime import UTC, datetime
+from html.parser import HTMLParser
 from pathlib import Path
 
 import httpx
@@ -14,6 +15,7 @@ import service_fakes as fakes
 
 from service.cli import run
 from service.cli.answer import could_be_found
+from service.printable import printable
 from service.report import rendered, report_of
 from service.report.trends import trends
 
@@ -156,3 +158,31 @@ def test_the_trends_have_tick_labels_and_units_on_both_axes_and_the_limit(answer
         assert unit in axes.get_ylabel() and "revolutions" in axes.get_xlabel()
     depth = trends(report)[0][1].axes[0]
     assert any("limit 500 µm" in text.get_text() for text in depth.get_legend().get_texts())
+
+
+@pytest.mark.parametrize(
+    "name", ["<script>alert(1)</script>", "a & b <i", "\x1b[2Jx", 'q"onload="x', "%s {0} \\input{a} $x$ #", "a\u202eb"]
+)
+def test_what_others_wrote_is_text_in_the_report_and_nothing_else(answer, name):
+    plain = Tags(rendered(report_of(answer, made=MADE), "html").decode()).tags
+    pages = len(pdf_text(rendered(report_of(answer, made=MADE), "pdf")))
+    answer["status"] = {**answer["status"], "reasons": [f"reason {name}", *answer["status"]["reasons"][1:]]}
+    shown = Tags(rendered(report_of({**answer, "asset": name}, made=MADE), "html").decode())
+    assert shown.tags == plain and shown.text.count(printable(name)) >= 3
+    text = pdf_text(rendered(report_of({**answer, "asset": name}, made=MADE), "pdf"))
+    assert len(text) == pages and printable(name).split()[0] in text[0]
+
+
+class Tags(HTMLParser):
+    """The tags and the text of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags, self.text = [], ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, *(name for name, _ in attrs)))
+
+    def handle_data(self, data):
+        self.text += data

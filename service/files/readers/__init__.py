@@ -13,7 +13,7 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.errors import InputError
@@ -23,12 +23,13 @@ from service.files.readers.mat import is_level_4, read_mat, read_mat73
 from service.files.readers.mdf import read_mdf
 from service.files.readers.numpy_files import read_npy, read_npz
 from service.files.readers.parquet import read_parquet
-from service.files.readers.table import Column, Table
+from service.files.readers.table import Column, Table, unique_names
 from service.files.readers.tdms import read_tdms
 from service.files.readers.text import NoNumbers, read_text
 from service.files.readers.text_form import TextForm
 from service.files.readers.uff import read_uff
 from service.files.readers.wav import read_wav
+from service.printable import printable
 
 __all__ = ["FORMATS", "Column", "Table", "TextForm", "format_of", "read_table"]
 
@@ -88,6 +89,20 @@ def _quiet() -> Iterator[None]:
         logging.disable(before)
 
 
+def _with_printable_names(table: Table) -> Table:
+    """The table; two columns whose names are then alike are numbered."""
+    names = unique_names([("", printable(c.name)) for c in table.columns])
+    return replace(
+        table,
+        columns=tuple(
+            replace(c, name=name, unit=printable(c.unit)) for name, c in zip(names, table.columns, strict=True)
+        ),
+        numbers={printable(name): number for name, number in table.numbers.items()},
+        notes=tuple(printable(note) for note in table.notes),
+        left_out={printable(name): printable(why) for name, why in table.left_out.items()},
+    )
+
+
 def read_table(path: Path, text: TextForm | None = None) -> Table:
     """The columns of a measurement file; InputError where it cannot be read.
 
@@ -101,7 +116,7 @@ def read_table(path: Path, text: TextForm | None = None) -> Table:
             why = [f"{name}: {reason}" for name, reason in table.left_out.items()]
             only = f", only {'; '.join((*table.numbers, *why))}" if table.names else ""
             raise ValueError(f"it holds no column of numbers{only}")
-        return table
+        return _with_printable_names(table)
     except ModuleNotFoundError as error:
         library = error.name or (form.library if form else "")
         what = form.name if form else "text"

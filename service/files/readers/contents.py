@@ -22,14 +22,16 @@ import numpy as np
 from service.files.dates import stated_in
 from service.files.readers.stored import Row, StoredRow, changed, pieces, stored
 from service.files.readers.table import Column, Table, array_columns, group_of
+from service.printable import printable
 
 UNITS = ("unit", "units", "unitstring", "niunitdescription", "unitlabel")
 RATES = (
     "sampleratehz", "samplerate", "samplingrate", "samplingratehz", "samplingfrequency", "samplefrequency",
-    "samplefreq", "samplingfreq", "fs", "fshz", "rate", "abtastrate", "samplespersecond",
+    "samplefreq", "samplingfreq", "fs", "fshz", "sr", "rate", "abtastrate", "samplespersecond",
 )  # fmt: skip
 STEPS = ("dt", "timestep", "sampleinterval", "samplinginterval", "sampleperiod", "samplingperiod", "wfincrement",
     "increment", "deltat")  # fmt: skip
+TIMES = ("t", "time", "x", "zeit")  # names beside a signal that are no signal
 SAID = 200  # of what a library says of a broken file [characters]
 ONE, NONE = np.ones(1), np.empty(0)
 LIKE_A_SCALE = re.compile(r"scal|offset|gain|sensitiv|calib|slope|conver|factor|fill|missing|valid|range", re.I)
@@ -127,7 +129,7 @@ def _short(value: Any, most: int = 40) -> str:
 def said_by(error: Exception) -> str:
     """What a library says of a file that it cannot read, as a part of a sentence."""
     line = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
-    return _short("".join(c if c.isprintable() else "?" for c in line).strip(" ."), SAID)
+    return _short(printable(line).strip(" ."), SAID)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -198,13 +200,25 @@ class Contents:
             own = self.starts.get(column.name)
             later = (own - first).total_seconds() if own is not None and first is not None else 0.0
             rate = column.rate or self._rate_beside(column)
-            columns.append(replace(column, start=column.start + later, rate=rate))
+            unit = column.unit or self._unit_beside(column)
+            columns.append(replace(column, start=column.start + later, rate=rate, unit=unit))
         scales = [n for n in self.numbers if LIKE_A_SCALE.search(group_of(n)[1])]
         self.notes += [f"the number {n!r} = {self.numbers[n]:g} is not applied" for n in scales]
         return Table(
             format=self.format, columns=tuple(columns), numbers=self.numbers, started=first, notes=tuple(self.notes),
             left_out=self.left_out,
         )  # fmt: skip
+
+    def _unit_beside(self, column: Column) -> str:
+        """The unit that a text beside the one signal of a group states, as in a structure of data, rate and unit."""
+        group = group_of(column.name)[0]
+        signals = [c for c in self.columns if group_of(c.name)[0] == group and plain(group_of(c.name)[1]) not in TIMES]
+        beside = {n: v for n, v in self.entries if group_of(n)[0] == group and plain(group_of(n)[1]) in UNITS}
+        if not group or signals != [column] or not beside:
+            return ""
+        for name in beside:
+            self.left_out.pop(name, None)
+        return unit_in({group_of(n)[1]: v for n, v in beside.items()})
 
     def _rate_beside(self, column: Column) -> float | None:
         """The rate that a single number of the column's group, or of one around it, states [Hz]."""

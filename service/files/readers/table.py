@@ -10,6 +10,7 @@ from datetime import datetime
 import numpy as np
 
 from service.files.readers.stored import Row, StoredRow, stored
+from service.printable import printable
 
 MOST_COLUMNS = 256  # of one two-dimensional array: a larger one is no row of channels
 UNIT_NAMES = {
@@ -61,7 +62,7 @@ class Table:
 
     def column(self, name: str) -> Column | None:
         """The column of this name; None where there is none."""
-        return next((c for c in self.columns if c.name == name), None)
+        return next((c for c in self.columns if c.name == printable(name)), None)
 
 
 def split_unit(label: str) -> tuple[str, str]:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from service.files.readers.stored import stored
+from service.files.readers.stored import GrowingRow
 from service.files.readers.table import Column, Table, rounded_rate, unique_names
 
 PRINTED = 6e-6  # relative uncertainty of a step that is printed with six digits
+LONG = 2**24  # data set as text that is read in parts [bytes]
+HEAD = 13  # lines above the values
 TIME = 17  # abscissa_spec_data_type
 DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 MOMENTS = ("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S")
@@ -23,7 +28,9 @@ def read_uff(path: Path) -> Table:
 
     file = pyuff.UFF(str(path))
     kinds = [int(kind) for kind in file.get_set_types()]
-    sets = [_kept(file.read_sets(i)) for i, kind in enumerate(kinds) if kind == 58]
+    with TemporaryDirectory() as folder:
+        part = Path(folder) / "part.uff"
+        sets = [_kept(_parts(file, path, i, part)) for i, kind in enumerate(kinds) if kind == 58]
     histories = [s for s in sets if _is_history(s)]
     if not histories:
         held = ", ".join(str(kind) for kind in sorted(set(kinds)))
@@ -43,10 +50,34 @@ def read_uff(path: Path) -> Table:
     return Table(format="UFF-58", columns=columns, notes=notes, started=moments[0] if moments else None)
 
 
-def _kept(data: dict[str, Any]) -> dict[str, Any]:
-    """A data set, of whose long rows only one is in memory at a time."""
-    rows = {key: np.asarray(data.get(key, ())) for key in ("data", "x")}
-    return data | {key: row if np.iscomplexobj(row) else stored(row.astype(float)) for key, row in rows.items()}
+def _parts(file: Any, path: Path, number: int, part: Path) -> Iterator[dict[str, Any]]:
+    """A data set of `path`; a long one as text in parts, each as a file of its own with the head of the whole."""
+    import pyuff
+
+    begin, end = (int(place) for place in file._block_ind[number])
+    with path.open("rb") as whole:
+        whole.seek(begin)
+        lines = [whole.readline() for _ in range(HEAD)]
+        if end - begin < LONG or lines[1][6:7].lower() == b"b":  # binary
+            yield file.read_sets(number)
+            return
+        head = b"".join(lines)
+        while (left := end - whole.tell()) > 0:
+            part.write_bytes(head + b"".join(whole.readlines(min(LONG, left)))[:left] + b"\n    -1\n")
+            yield pyuff.UFF(str(part)).read_sets(0)
+
+
+def _kept(parts: Iterator[dict[str, Any]]) -> dict[str, Any]:
+    """A data set from its parts, of whose rows only so much is in memory at a time."""
+    head = next(parts)
+    first = {"x": (), **head, "data": np.asarray(head.get("data", ()))}
+    if not _is_history(first):
+        return first
+    rows = {"data": GrowingRow(), "x": GrowingRow()}
+    for each in chain([first], parts):
+        for key, row in rows.items():
+            row.append(np.asarray(each[key]).astype(float))
+    return first | {key: row.row() for key, row in rows.items()}
 
 
 def _is_history(data: dict[str, Any]) -> bool:
