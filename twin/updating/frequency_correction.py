@@ -31,8 +31,8 @@ class FrequencyCorrection:
     memory: float  # m, windows
 
     def _covariance(self, f: np.ndarray, j: np.ndarray, f2: np.ndarray, j2: np.ndarray) -> np.ndarray:
-        near = np.exp(-0.5 * (np.log(f[:, None] / f2[None, :]) / self.reach) ** 2)
-        return self.spread**2 * near * np.exp(-np.abs(j[:, None] - j2[None, :]) / self.memory)
+        apart = (np.log(f)[:, None] - np.log(f2)) / self.reach
+        return self.spread**2 * np.exp(-0.5 * apart**2 - np.abs(j[:, None] - j2) / self.memory)
 
     def predict(
         self,
