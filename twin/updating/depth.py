@@ -191,6 +191,12 @@ def _costs(depths: np.ndarray, gauge: Gauge, response: Response) -> _Costs:
     return _Costs(*(part.reshape(depths.shape) for part in (lines, np.log(σ2).sum(axis=1), mean, ψ)))
 
 
+def explained_at(depth: float, gauge: Gauge, response: Response) -> tuple[float, float]:
+    """2·J of a gauge at a depth [m], without Σ ln σ_k², and the mesh phase ψ there [rad]."""
+    costs = _costs(np.array([depth]), gauge, response)
+    return float(costs.lines[0] + costs.mean[0]), float(costs.phase[0])
+
+
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
     """The depth between two bounds [m] that explains the gauge best, and that of its lines alone.
 

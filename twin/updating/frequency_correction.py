@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,4 +50,5 @@ class FrequencyCorrection:
         j_l, f_l, ρ, σ = (np.array(column) for column in zip(*learned, strict=True))
         K = self._covariance(f_l.real, j_l.real, f_l.real, j_l.real) + np.diag(σ.real**2)
         cross = self._covariance(f, j, f_l.real, j_l.real)
-        return 1 + cross @ cho_solve(cho_factor(K), ρ - 1)
+        off = ρ - 1
+        return 1 + (cross @ np.linalg.solve(K, np.stack([off.real, off.imag], axis=1))) @ [1, 1j]

@@ -48,6 +48,7 @@ from twin.updating.wear_points import Points
 LEAST_WORK = 0.01  # of the largest: below it, distances in ln x are not resolved
 LONGEST = log(5.0)  # ln of a history's life over that at the present rate, at most
 KEPT = 8  # forecasts and lives: the answer and the stages of one window ask for the same
+LEAST_WEIGHT = 1e-4  # histories below it change no quantile that is stated
 REACHED = 1e-9  # of the revolutions so far: life of a history whose end is reached
 
 
@@ -86,8 +87,9 @@ class WearForecast:
 
     @lru_cache(maxsize=KEPT)  # noqa: B019 (few, and compared by identity)
     def lives(self, end: float) -> Lives:
-        """Each history's life to a work; histories whose rate is not positive are left out."""
+        """Lives to a work of the histories that count; those whose rate is not positive are left out."""
         fits = self.mean[:, 1] > 0
+        fits &= self.weights > LEAST_WEIGHT * self.weights[fits].sum()
         now, P, to_go = self.mean[fits], self.covariance[fits], end - self.mean[fits, 0]
         form, weights = (self.decay[fits], self.trend[fits], self.power[fits]), self.weights[fits]
         c, by_c = self._ahead(now[:, 1], now[:, 2], form[1])
@@ -100,9 +102,8 @@ class WearForecast:
             ψ, slope = self._bent(L, *form)
             return (now[:, 1] * L + c * ψ) / to_go - 1, (now[:, 1] + c * slope) * L / to_go
 
-        L = np.exp(
-            rising_roots(worn, at, at - LONGEST, at + LONGEST)
-        )  # a rate that falls along a line would end at none
+        # a rate that falls along a line would end at none
+        L = np.exp(rising_roots(worn, at, at - LONGEST, at + LONGEST))
         ψ, slope = self._bent(L, *form)
         row = np.stack([np.ones_like(L), L, by_c * ψ], axis=1)
         var = np.einsum("hi,hij,hj->h", row, P, row) + self.wander[fits] * L**3 / 3 + self.irregular[fits] * L
