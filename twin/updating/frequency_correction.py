@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FARTHEST = -100.0  # ln of a correlation that is none: numbers near the least of all take several times as long
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrequencyCorrection:
@@ -31,7 +33,8 @@ class FrequencyCorrection:
 
     def _covariance(self, f: np.ndarray, j: np.ndarray, f2: np.ndarray, j2: np.ndarray) -> np.ndarray:
         apart = (np.log(f)[:, None] - np.log(f2)) / self.reach
-        return self.spread**2 * np.exp(-0.5 * apart**2 - np.abs(j[:, None] - j2) / self.memory)
+        far = np.maximum(-0.5 * apart**2 - np.abs(j[:, None] - j2) / self.memory, FARTHEST)
+        return self.spread**2 * np.exp(far)
 
     def predict(
         self,
