@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -91,7 +92,7 @@ def import_(
         age = age or _asked_age(yes)
         given = {
             "teeth": _teeth(teeth), "speed": _speed(speed), "rig": rig, "rate": rate, "shaft": tachometer,
-            "asset": asset, "age": age,
+            "asset": asset, "age": age, "zone": zone, "ask": None if yes or started else _zone_asked(),
         }  # fmt: skip
         path, said = _proposed(mapping, write, force, pulses_per_rev, given, quiet=str(json) == "-")
         if out is None and yes:
@@ -122,6 +123,15 @@ def _zone_asked() -> Callable[[str], str] | None:
     if not sys.stdin.isatty():
         return None
     return lambda said: _asked(f"{said}. Its zone (such as Europe/Berlin or +01:00)", "UTC", zone_of)
+
+
+def _zone_of(began: datetime | None, data: Path, ask: Callable[[str], str] | None) -> str | None:
+    """The zone of a file's own date, where that is a local time and somebody can be asked."""
+    from service.files.dates import without_zone
+
+    if began is None or began.tzinfo is not None or ask is None:
+        return None
+    return ask(without_zone(str(data), began))
 
 
 def _asked(question: str, default: str, check: Callable[[str], Any]) -> str:
@@ -201,6 +211,7 @@ def _proposed(
         rig=None if rig is None else os.path.relpath(rig, path.parent),
         pulses_per_rev=pulses_per_rev,
         age=given["age"],
+        zone=given["zone"] or _zone_of(table.started, data, given["ask"]),
     )
     if mistake := contradicted_speed(proposal, known):
         raise InputError(mistake)

@@ -157,6 +157,11 @@ def zone_of(text: str) -> tzinfo:
         raise InputError(f"zone = {text!r} must be the name of a zone such as Europe/Berlin, +01:00 or UTC") from None
 
 
+def without_zone(where: str, moment: datetime) -> str:
+    """What is said of a local time for which nobody states a zone."""
+    return f"{where}: it began at {moment:%Y-%m-%d %H:%M:%S} by a clock whose zone is not stated"
+
+
 def in_zone(where: str, moment: datetime, zone: str | None) -> tuple[datetime, str]:
     """A moment with its zone, and a note where nobody states it and UTC stands for it.
 
@@ -164,7 +169,7 @@ def in_zone(where: str, moment: datetime, zone: str | None) -> tuple[datetime, s
     """
     if moment.tzinfo is not None:
         return moment, ""
-    said = f"{where}: it began at {moment:%Y-%m-%d %H:%M:%S} by a clock whose zone is not stated"
+    said = without_zone(where, moment)
     if zone is None:
         return moment.replace(tzinfo=UTC), f"{said}, taken for UTC; give --zone, such as Europe/Berlin, +01:00 or UTC"
     first, second = (moment.replace(tzinfo=zone_of(zone), fold=fold) for fold in (0, 1))

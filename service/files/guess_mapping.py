@@ -33,6 +33,7 @@ class Known:
     rig: str | None = None  # rig file, as the mapping file names it
     pulses_per_rev: int = 1
     age: str | None = None  # of the gears when the file begins
+    zone: str | None = None  # of dates that are local times
 
 
 def with_reference(proposal: Proposal, reference: str | None) -> Proposal:
@@ -82,6 +83,8 @@ def mapping_text(proposal: Proposal, known: Known) -> str:
         lines.append('# age = "new"  # of the gears when the file begins: also "5000 rev" or "1200 h"; else not known')
     else:
         lines.append(f"age = {toml_value(known.age)}  # of the gears when the file begins")
+    if known.zone is not None:
+        lines.append(f"zone = {toml_value(known.zone)}  # of dates that are local times")
     lines += ["", "[file]", f"path = {toml_value(known.path)}"]
     if known.rate is not None:
         lines.append(f"sample_rate_hz = {known.rate!r}")

@@ -29,7 +29,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
-from service.files.dates import EXAMPLE, in_zone, moment_in
+from service.files.dates import EXAMPLE, in_zone, moment_in, without_zone
 from service.files.gear_age import age_of
 from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
 from service.files.import_check import contradicted_units, likely_mistakes
@@ -160,7 +160,7 @@ def _began(data: DataFile, data_file: Path, ask: Callable[[str], str | None] | N
         return None, _undated(data_file)
     where, zone = mapping.where if mapping.started else str(data_file), mapping.zone
     if stated.tzinfo is None and zone is None and ask is not None:
-        zone = ask(f"{where} began at {stated:%Y-%m-%d %H:%M:%S} by a clock whose zone is not stated")
+        zone = ask(without_zone(where, stated))
     began, unsure = in_zone(where, stated, zone)
     if began > datetime.now(UTC) + timedelta(seconds=AGREES):
         cure = unsure or f"{data_file}: correct its date"

@@ -212,7 +212,9 @@ def test_a_person_who_can_be_asked_states_the_zone_of_a_local_time_once(tmp_path
     csv(tmp_path / "run.csv", "Datum: 12.03.2026 08:14:00\n")
     found, started, _ = imported(tmp_path / "run.csv", "Acc (g)", ask=ask)
     assert datetime.fromisoformat(started) == BEGAN and "started" not in found["notes"]
-    assert len(asked) == 1 and "began at 2026-03-12 08:14:00 by a clock whose zone is not stated" in asked[0]
+    assert (
+        len(asked) == 1 and "run.csv: it began at 2026-03-12 08:14:00 by a clock whose zone is not stated" in asked[0]
+    )
     imported(tmp_path / "run.csv", "Acc (g)", 'zone = "+01:00"', ask=ask)
     csv(tmp_path / "run.csv", "Datum: 2026-03-12T08:14:00+01:00\n")
     imported(tmp_path / "run.csv", "Acc (g)", ask=ask)
@@ -263,8 +265,26 @@ def test_the_command_takes_date_and_zone(tmp_path, monkeypatch, capsys):
     assert run([*options, "--started", "12.03.2026 08:14", "--zone", "Europe/Berlin"]) == 0
     with Recording(tmp_path / "run.mcap") as recording:
         assert datetime.fromisoformat(recording.metadata["started"]) == BEGAN
-    assert run([*options, "--started", "yesterday"]) == 2
+    assert run([*options, "--started", "yesterday", "--zone", "Europe/Berlin"]) == 2
     assert "--started = 'yesterday' must be a date with a time of day" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("stated", ["option", "terminal"])
+def test_the_zone_that_a_guessed_mapping_was_given_holds_for_the_next_file(tmp_path, monkeypatch, stated):
+    monkeypatch.chdir(tmp_path)
+    if stated == "terminal":
+        answers = iter(["Europe/Berlin"])  # one question alone
+        monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+        monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
+    csv(tmp_path / "run.csv", "Datum: 12.03.2026 08:14:00\n")
+    options = ["--zone", "Europe/Berlin"] if stated == "option" else []
+    command = ["import", "run.csv", "--guess", "--teeth", "23/57", "--age", "unknown", "--out", "run.mcap"]
+    assert run([*command, *options]) == 0
+    assert 'zone = "Europe/Berlin"' in (tmp_path / "run.toml").read_text()
+    csv(tmp_path / "next.csv", "Datum: 13.03.2026 08:14:00\n")
+    assert run(["import", "run.toml", "--source", "next.csv", "--out", "next.mcap"]) == 0
+    with Recording(tmp_path / "next.mcap") as recording:
+        assert datetime.fromisoformat(recording.metadata["started"]) == BEGAN + timedelta(days=1)
 
 
 def _tachometer(speed):
