@@ -9,7 +9,7 @@ not known is refused with the nearest one that is.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from math import radians
@@ -32,25 +32,15 @@ def _text_of(values: Mapping[str, Any]) -> str:
     return json.dumps(values, sort_keys=True, default=str)
 
 
-def _by_path(values: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
-    """All values and tables with their dotted paths."""
-    for key, value in values.items():
-        yield within + key, value
-        if isinstance(value, Mapping):
-            yield from _by_path(value, f"{within}{key}.")
-
-
 @dataclass(frozen=True, slots=True)
 class Rig:
     """One gearbox. `values` is the checked mapping of the rig file, tables nested as there."""
 
     values: Mapping[str, Any] = field(repr=False)
     text: str = field(init=False, repr=False, compare=False)  # the same as one line, by which results are kept
-    paths: Mapping[str, Any] = field(init=False, repr=False, compare=False)  # the same by dotted path, and the tables
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", _text_of(self.values))
-        object.__setattr__(self, "paths", dict(_by_path(self.values)))
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Rig:
@@ -75,7 +65,13 @@ class Rig:
 
     def get(self, path: str, default: Any = None) -> Any:
         """The value at a dotted path, or the default where the file does not give it."""
-        return self.paths.get(path, default)
+        node: Any = self.values
+        try:
+            for key in path.split("."):
+                node = node[key]
+        except (KeyError, TypeError):  # no such key, or no table
+            return default
+        return node
 
     def value(self, path: str) -> Any:
         """The value at a dotted path, else what other values of the file make of it, else None."""
