@@ -98,7 +98,7 @@ ALONE = """
 import sys
 from service.fleet.assess_task import assess_one
 from service.fleet.cli import work_of
-from service.fleet.stored_recordings import stored_recordings
+from service.results.stored_recordings import stored_recordings
 work = work_of(sys.argv[2], None, "fused", sys.argv[3] == "True")
 assert all(assess_one(work, each).state == "assessed" for each in stored_recordings([sys.argv[1]]))
 """
@@ -106,7 +106,7 @@ SIDE_BY_SIDE = """
 import sys
 from service.fleet.batch import assess_all
 from service.fleet.cli import work_of
-from service.fleet.stored_recordings import stored_recordings
+from service.results.stored_recordings import stored_recordings
 work = work_of(sys.argv[2], None, "fused", sys.argv[3] == "True")
 found = stored_recordings([sys.argv[1]])
 assert assess_all(found, work, workers=int(sys.argv[4])).counts["assessed"] == len(found)

@@ -15,11 +15,11 @@ import httpx
 
 from gear_twin.result import Result
 from service.access.client_tls import client_context
-from service.api.asset_life_models import AssetChange
-from service.api.baselines import AssetBaseline
-from service.api.models import AssetSummary, DecisionAnswer, InspectionAnswer
-from service.api.signal_models import Indicators, Signals, SignalView, Waterfall
 from service.contract.alarms import Alarm
+from service.contract.asset_life import AssetChange
+from service.contract.baseline import AssetBaseline
+from service.contract.rest import AssetSummary, DecisionAnswer, InspectionAnswer
+from service.contract.signals import Indicators, Signals, SignalView, Waterfall
 from service.contract.what_if import WhatIf
 from service.contract.window import WindowRecord
 

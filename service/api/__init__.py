@@ -16,7 +16,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.api import alarms as alarm_routes
 from service.api import asset_life as life_routes
 from service.api import asset_list as list_routes
-from service.api import assets, collector, effects, events, guard, metrics, models, pages, problems, reports, sessions
+from service.api import assets, collector, effects, events, guard, metrics, pages, problems, reports, sessions
 from service.api import audit as audit_routes
 from service.api import baselines as baseline_routes
 from service.api import incoming as incoming_routes
@@ -25,6 +25,7 @@ from service.api import signals as signal_routes
 from service.api import what_if as what_if_routes
 from service.api.headers import SafeHeaders
 from service.api.limits import Bounds, Limits
+from service.contract import rest
 from service.operation.health import Health
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
@@ -130,7 +131,7 @@ def _describe(app: FastAPI) -> None:
 
     def openapi() -> dict[str, Any]:
         schema = generate()
-        problem = models.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+        problem = rest.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         schema["components"]["schemas"].setdefault("Problem", problem)
         guard.described(schema, app)
         return schema

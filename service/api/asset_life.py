@@ -11,14 +11,14 @@ from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api import asset_life_models as models
 from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
-from service.api.models import AssetSummary
 from service.api.problems import problem, responses
 from service.api.reading import shown_of, snapshot_of
+from service.contract import asset_life as models
 from service.contract.base import iso_time
+from service.contract.rest import AssetSummary
 from service.errors import FAULT, InputError
 from service.files.rig import checked_rig
 from service.results.asset_life import StoredChange

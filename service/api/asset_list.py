@@ -10,11 +10,11 @@ from fastapi.responses import Response
 from pydantic import BaseModel, Field
 
 from service.access.roles import Role
-from service.api import models
 from service.api.conditional import answer
 from service.api.guard import Guarded, needs
 from service.api.problems import responses
 from service.api.reading import in_thread
+from service.contract import rest as models
 from service.contract.base import AnswerModel
 from service.contract.finding import Level
 from service.results.asset_list import CURSOR, MOST, PAGE, Choice, Place

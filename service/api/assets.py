@@ -12,12 +12,12 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api import models
 from service.api.audit import audited
 from service.api.conditional import answer
 from service.api.guard import Guarded, needs
 from service.api.problems import responses
 from service.api.reading import shown_of, snapshot_of
+from service.contract import rest as models
 from service.contract.answer import Asset
 from service.contract.base import NotAvailable, not_available
 from service.contract.effects import Residual

@@ -18,8 +18,7 @@ from service.api.guard import Guarded, needs
 from service.api.limits import LONGEST_TARGET
 from service.api.problems import problem, responses
 from service.api.reading import shown_of, snapshot_of
-from service.contract.base import AnswerModel
-from service.contract.baseline import Baseline
+from service.contract.baseline import AssetBaseline, Baseline
 from service.errors import FAULT, InputError
 from service.results.baseline_store import BaselineStore
 
@@ -28,18 +27,6 @@ router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=G
 LARGEST_FILE = 256 * 2**20  # of a baseline that is given as a file [bytes]
 NOT_KEPT = "this service keeps no baselines of single assets"
 FILE = {"requestBody": {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}}
-
-
-class AssetBaseline(AnswerModel):
-    """The healthy baseline of an asset."""
-
-    own: bool = Field(description="false where the asset has none of its own, and that of the settings may hold")
-    by: str | None = None
-    note: str | None = None
-    at: str | None = Field(None, description="when it came into use, ISO 8601")
-    windows: list[int] | None = Field(None, description="windows of the asset that it was learned from")
-    added: bool | None = Field(None, description="whether recordings of an earlier baseline take part, too")
-    baseline: Baseline | None = Field(None, description="what it was learned from, and what it suffices for")
 
 
 def _whole(value: Any) -> Any:
@@ -107,7 +94,7 @@ async def put(
 
     def taken() -> str:
         from service.files.baseline import read_baseline
-        from service.runtime.baseline_learning import demand_same_teeth
+        from service.results.baseline_learning import demand_same_teeth
 
         path = store.new_path()
         path.write_bytes(data)
@@ -140,7 +127,7 @@ async def learn(request: Request, asset: str, given: LearnIn) -> Any:
         return problem(request, 409, NOT_KEPT)
 
     def learned() -> str:
-        from service.runtime.baseline_learning import learn_from_windows, written
+        from service.results.baseline_learning import learn_from_windows, written
 
         before = store.path(asset) if given.add else None
         found = learn_from_windows(asset, given.windows, state.store, state.signals, state.changes.life, before)

@@ -10,12 +10,12 @@ from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api import models
 from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.api.reading import shown_of, snapshot_of
+from service.contract import rest as models
 from service.contract.attribution import Tracing
 from service.contract.base import NotAvailable
 from service.contract.effects import Effect

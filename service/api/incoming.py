@@ -14,11 +14,11 @@ from service.access.roles import Role
 from service.api.asset_life import begin_asset
 from service.api.audit import audited
 from service.api.guard import Guarded, needs
-from service.api.models import AssetSummary
 from service.api.problems import problem, responses
 from service.api.reading import in_thread
 from service.contract.base import AnswerModel, iso_time
 from service.contract.position import PositionModel, not_connected
+from service.contract.rest import AssetSummary
 from service.files.rig_difference import digest_of
 from service.results.rig_proposals import ProposalList, RigProposals
 from service.results.unknown_assets import Unknown, UnknownAssets, UnknownList

@@ -9,10 +9,10 @@ from fastapi.responses import JSONResponse, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from service.access.roles import Role
-from service.api import models
 from service.api.guard import Guarded, may_read, needs, public
 from service.api.problems import problem, responses
 from service.api.reading import in_thread
+from service.contract import rest as models
 from service.contract.base import iso_time
 
 router = APIRouter(tags=["operation"], route_class=Guarded)

@@ -13,13 +13,13 @@ from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.asset_life import answer_change, signed
-from service.api.asset_life_models import AssetChange
 from service.api.assets import ERRORS
 from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.incoming import Reason
 from service.api.problems import problem, responses
 from service.api.reading import in_thread, shown_of
+from service.contract.asset_life import AssetChange
 from service.contract.base import AnswerModel, iso_time
 from service.files.rig_difference import differences
 from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, ProposalList

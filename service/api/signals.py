@@ -12,11 +12,11 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 
 from service.access.roles import Role
-from service.api import signal_models as models
 from service.api.assets import HistoryQuery, history
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.api.reading import snapshot_of
+from service.contract import signals as models
 from service.contract.base import iso_time
 from service.errors import NotKept
 from service.results.signal_thinning import KeptWindow

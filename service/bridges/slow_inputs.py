@@ -41,7 +41,7 @@ from service.errors import FrameError, InputError
 from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of
 from service.steady_clock import later_time_ns
 from service.stream.channels import AS_IT_IS, CHANNEL_KINDS, ChannelKind, Conversion
-from service.stream.frames import NS, SampleFrame
+from service.stream.frames import LATEST_START, NS, SampleFrame
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import NAME, Channel, topic_of
 
@@ -220,7 +220,7 @@ def _time(found: Any, form: str) -> int:
             raise Unusable("malformed", "its time names no time zone")
         since = moment - datetime(1970, 1, 1, tzinfo=UTC)
         at = (since.days * 86_400 + since.seconds) * NS + since.microseconds * 1_000
-    if not 0 < at < 2**63:
+    if not 0 < at < LATEST_START:
         raise Unusable("malformed", "its time is outside the range of Unix time in ns")
     return at
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import PERCENT, ContractModel
+from service.contract.base import PERCENT, AnswerModel, ContractModel
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment
@@ -310,3 +310,15 @@ class UnattributedSearch(ContractModel):
                 SidebandLimit(channel=x.channel, harmonic=x.harmonic, amplitude=x.amplitude) for x in search.limits
             ],
         )
+
+
+class AssetBaseline(AnswerModel):
+    """The healthy baseline of an asset."""
+
+    own: bool = Field(description="false where the asset has none of its own, and that of the settings may hold")
+    by: str | None = None
+    note: str | None = None
+    at: str | None = Field(None, description="when it came into use, ISO 8601")
+    windows: list[int] | None = Field(None, description="windows of the asset that it was learned from")
+    added: bool | None = Field(None, description="whether recordings of an earlier baseline take part, too")
+    baseline: Baseline | None = Field(None, description="what it was learned from, and what it suffices for")

@@ -19,11 +19,11 @@ from typing import Any, Literal
 from service import __version__
 from service.errors import FAULT, InputError, StoreError
 from service.files.recorded_rig import choose_asset, rig_of
-from service.fleet.object_store import ObjectStore
-from service.fleet.scratch import scratch
 from service.fleet.segments import Segments
-from service.fleet.stored_recordings import StoredRecording
 from service.json_text import json_text
+from service.results.object_store import ObjectStore
+from service.results.scratch import scratch
+from service.results.stored_recordings import StoredRecording
 from service.runtime.assess import Unassessable, assess, assess_source
 from service.runtime.twin_port import Twin, gear_twin
 from service.stream.assembly import AssemblySettings

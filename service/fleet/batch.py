@@ -10,9 +10,9 @@ from typing import Any
 
 from service import __version__
 from service.fleet.assess_task import Outcome, Work, assess_one, found_outcome
-from service.fleet.object_store import ObjectStore
-from service.fleet.stored_recordings import StoredRecording
 from service.json_text import json_text
+from service.results.object_store import ObjectStore
+from service.results.stored_recordings import StoredRecording
 
 SUMMARY = "summary.json"  # of the latest run that came to its end
 

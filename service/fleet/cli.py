@@ -75,8 +75,8 @@ def assess(
     from service.cli.assessing import tell
     from service.cli.show import progress_bar
     from service.fleet.batch import SUMMARY, assess_all
-    from service.fleet.stored_recordings import stored_recordings
     from service.json_text import wrote_json
+    from service.results.stored_recordings import stored_recordings
 
     work = work_of(
         results, rig, None if update is None else update.value, not no_trace, relation, detectability,

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from typing import Any, NoReturn, TypeVar
 
 from service.errors import InputError
-from service.fleet.scratch import scratch
+from service.results.scratch import scratch
 from service.runtime.usable_cores import usable_cores
 
 AHEAD = 2  # calls that are handed over for each core, so that none waits for the next

@@ -9,7 +9,7 @@ from typing import Any
 
 from service.errors import FrameError, InputError
 from service.files.documents import parsed_document
-from service.fleet.stored_recordings import Part
+from service.results.stored_recordings import Part
 from service.stream.frames import Frame
 from service.stream.sources.mcap import RIG_ATTACHMENT, Recording
 from service.stream.wire.topics import Channel

@@ -18,7 +18,7 @@ FLEET_LINES: tuple[Line, ...] = (
         REPORT,
     ),
     Line(
-        "service.fleet.raw_segments",
+        "service.results.raw_segments",
         "%s stays in the spool: the object store takes others, but not this one: %s",
         "A raw recording cannot be moved, for its name or what it holds; it is tried again every five minutes.",
         "Look at the reason; move the file by hand, or delete it.",
@@ -139,14 +139,14 @@ FLEET_LINES: tuple[Line, ...] = (
         "Report it, with the recording.",
     ),
     Line(
-        "service.fleet.raw_segments",
+        "service.results.raw_segments",
         "raw recordings cannot be moved to the object store: %s; it is tried again in %g s",
         "They wait in their folder, up to `[raw] spool_gb`; windows and results are not affected.",
         "Check the store, its credentials and the network; it goes on by itself.",
     ),
-    Line("service.fleet.raw_segments", "raw recordings are moved to %s again", "The store can be used again.", NONE),
+    Line("service.results.raw_segments", "raw recordings are moved to %s again", "The store can be used again.", NONE),
     Line(
-        "service.fleet.raw_segments",
+        "service.results.raw_segments",
         "%s holds no frame and is not moved to the object store: it is deleted (%s)",
         "The file was damaged.",
         "Check the disk.",

@@ -32,6 +32,7 @@ from service.results.asset_life import AssetLife, StoredChange
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
+from service.results.present_machine import demand_present
 from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
 from service.results.signal_store import SignalStore
 from service.results.sparkline import Sparkline
@@ -42,7 +43,6 @@ from service.runtime.in_order import Pending
 from service.runtime.intake import Intake
 from service.runtime.lane import Job, Lane
 from service.runtime.lanes import Lanes
-from service.runtime.present_machine import demand_present
 from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
 from service.runtime.rigs import MOST_NAMED, other_gears

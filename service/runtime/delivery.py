@@ -138,7 +138,7 @@ class Delivery:
 
     def left_out(self) -> dict[str, int]:
         """Frames that a service has not used since this began, by cause."""
-        found: Counter[str] = Counter({"invalid": self.invalid} if self.invalid and not self._left_out else {})
+        found: Counter[str] = Counter({"invalid": self.invalid})  # of an asset that is unknown, nobody else counts them
         for first, now in self._left_out.values():
             found |= now - first
         del found["duplicate"]  # sent again, or stored before

@@ -22,8 +22,8 @@ from service.setup.toml_text import document_text
 from service.stream.frames import Frame
 
 if TYPE_CHECKING:  # what writes recordings is not loaded where none are kept
-    from service.fleet.raw_segments import SegmentSender
     from service.results.raw_recordings import RawRecordings
+    from service.results.raw_segments import SegmentSender
 
 log = logging.getLogger(__name__)
 
@@ -176,7 +176,7 @@ def recording_raw(
     recordings = RawRecordings(folder, limits, rig_text_of=rig_texts(board), prefix=prefix)
     sender = None
     if settings.raw_url is not None:
-        from service.fleet.raw_segments import SegmentSender
+        from service.results.raw_segments import SegmentSender
 
         sender = SegmentSender.of(settings, recordings, prefix)
     recorder = RawRecorder(recordings, sender=sender)

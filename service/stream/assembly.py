@@ -125,7 +125,7 @@ class Assembler:
                 lane.left_out -= lane.left_out > 0
         elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame, self._held(lane, frame)):
             fate = order.CONFLICT
-        if fate == order.CLOCK and self.recorded and lane.last and frame.start_time_ns < lane.last[2]:
+        if fate == order.CLOCK and self.recorded and frame.start_time_ns < self._past_until(lane, now_ns):
             fate = order.PAST
         if fate == order.CLOCK:
             if self._contradictions.hold(frame):
@@ -143,7 +143,7 @@ class Assembler:
     def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
         """As `flush`, each window with the resume state that goes with it."""
         held, lanes = self._contradictions.held, self._lanes.values()
-        if held and not any(lane.last or lane.queue for lane in lanes):  # all that came contradicts the host's clock
+        if held and (self.recorded or not any(lane.last or lane.queue for lane in lanes)):  # nothing else will come
             yield from self._resynchronise(None)
         yield from self._force()
         if self._open is not None:
@@ -249,8 +249,8 @@ class Assembler:
     @property
     def waiting(self) -> bool:
         """Whether a flush would give anything."""
-        held = self._open is not None or self._left_out.earliest is not None
-        return held or any(lane.queue or lane.released for lane in self._lanes.values())
+        held = self._open or self._left_out.earliest is not None or (self.recorded and self._contradictions.held)
+        return bool(held) or any(lane.queue or lane.released for lane in self._lanes.values())
 
     def to_dict(self) -> dict[str, Any]:
         """Where the windows so far end, JSON-safe: what a restart needs to go on without counting twice."""
@@ -263,12 +263,7 @@ class Assembler:
             "timelines": {label: lane.timeline.to_dict() for label, lane in self._lanes.items()},
             "clock": {"times_set": self._times_set, "latest_ns": self._latest, "last_arrival_ns": self.last_arrival_ns},
             "last_frames": {
-                label: {
-                    "sequence": q,
-                    "start_ns": s,
-                    "end_ns": e,
-                    "lost": [list(r) for r in self._lanes[label].lost],
-                }
+                label: {"sequence": q, "start_ns": s, "end_ns": e, "lost": [list(r) for r in self._lanes[label].lost]}
                 for label, (q, s, e) in self._consumed.items()
             },
             "counters": {label: dict(kinds) for label, kinds in self.counters.items()},
@@ -328,8 +323,7 @@ class Assembler:
         return self._closed_until
 
     def _add_slow(self, label: str, frame: SampleFrame, now_ns: int | None) -> None:
-        ahead = now_ns is not None and frame.end_time_ns > now_ns + self._contradictions.thresholds.ahead * NS
-        if ahead and frame.end_time_ns > self._closed_until + self._contradictions.thresholds.ahead * NS:
+        if now_ns is not None and frame.end_time_ns > max(now_ns, self._closed_until) + self._contradictions.ahead_ns:
             self.count(label, order.CLOCK)
             self.left_out[order.CLOCK] += 1
         elif (fate := self._slow.offer(frame)) != order.QUEUED:
@@ -353,13 +347,18 @@ class Assembler:
         A stream that already runs ahead (a recording made with a wrong clock, say) is not compared with the host's
         clock any more: there, the time until the next frame is a pause of the machine.
         """
-        ahead = round(self._contradictions.thresholds.ahead * NS)
+        ahead = self._contradictions.ahead_ns
         if now_ns is None or frame.end_time_ns <= now_ns + ahead:
             return False
         queued = (lane.queue[-1][2].end_time_ns for lane in self._lanes.values() if lane.queue)
         released = (lane.last[2] for lane in self._lanes.values() if lane.last)
         newest = max(self._closed_until, *queued, *released, 0)
         return newest <= now_ns + ahead and frame.start_time_ns > newest + ahead
+
+    def _past_until(self, lane: order.Lane, now_ns: int | None) -> int:
+        """Time before which a recording is past: the newest that is not ahead of the host's clock itself [ns]."""
+        latest = float("inf") if now_ns is None else now_ns + self._contradictions.ahead_ns
+        return next((end for end in (lane.last[2] if lane.last else 0, self._latest) if end <= latest), 0)
 
     def _leave_out_contradictions(self) -> None:
         """The frames held for their times are given up, since others go on as before."""

@@ -45,6 +45,11 @@ class Contradictions:
     held: deque[Frame] = field(default_factory=deque)
     runs: dict[str, list[Frame]] = field(default_factory=dict)  # by channel: the newest frames in good order
 
+    @property
+    def ahead_ns(self) -> int:
+        """Time by which a frame may end after the host's clock [ns]."""
+        return round(self.thresholds.ahead * NS)
+
     def hold(self, frame: Frame) -> bool:
         """Takes a frame in; whether its key has now shown that the clock was set."""
         run = self.runs.setdefault(frame.channel.label, [])

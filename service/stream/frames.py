@@ -18,7 +18,7 @@ NS = 1_000_000_000
 LENGTH_LIMITS = (0.01, 10.0)  # of a frame [s]
 _LENGTH_SLACK = 1e-6  # relative: a rate such as 25641.03 Hz cannot give 10 s exactly
 _UINT64 = 2**64
-LATEST_START = 2**63  # the first Unix time that is none [ns]: numbers of 64 bits end there
+LATEST_START = 2**63 - 86_400 * NS  # the first Unix time that is none [ns]: a day later numbers of 64 bits end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,7 +117,7 @@ def _check_head(channel: Channel, start_time_ns: int, sequence: int) -> None:
             channel,
             "start_time_ns",
             str(start_time_ns),
-            "is outside (0, 2^63) ns of Unix time; the field was not set?",
+            f"is outside (0, {LATEST_START}) ns of Unix time, which ends in April 2262; not set, or not in ns?",
         )
     if not 0 <= sequence < _UINT64:
         raise _error(channel, "sequence", str(sequence), "is outside [0, 2^64)")

@@ -19,14 +19,14 @@ from test_other_parts import serving
 from service.cli import run
 from service.errors import InputError
 from service.files.baseline import learned, read_baseline, save
+from service.results import baseline_learning
 from service.results.asset_life import AssetLife
+from service.results.baseline_learning import learn_from_windows
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
 from service.results.schema import ASSETS
 from service.results.signal_store import SignalStore
-from service.runtime import baseline_learning
 from service.runtime.asset_twins import AssetTwins
-from service.runtime.baseline_learning import learn_from_windows
 from service.runtime.twin_port import gear_twin
 from service.stream.assembly import Assembler
 from service.stream.quality import Quality

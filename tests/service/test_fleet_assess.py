@@ -22,12 +22,12 @@ from service.errors import InputError
 from service.fleet import cli
 from service.fleet.assess_task import Work, assess_one
 from service.fleet.batch import SUMMARY, assess_all
-from service.fleet.object_store import ObjectStore
 from service.fleet.ray_tasks import START_ATTEMPTS, _start_here
-from service.fleet.scratch import PREFIX, scratch
-from service.fleet.stored_recordings import stored_recordings
 from service.json_text import json_text
+from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawLimits, RawRecordings
+from service.results.scratch import PREFIX, scratch
+from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
 from service.stream.assembly import DEFAULT
 from service.stream.sources.mcap import Recording

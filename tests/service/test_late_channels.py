@@ -11,7 +11,7 @@ from streams import ACCEL, ASSET, CHANNELS, bursts
 
 from service.files.recorded_rig import rig_of
 from service.fleet.segments import Segments
-from service.fleet.stored_recordings import stored_recordings
+from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess, assess_source
 from service.signals.recorded import recorded_subject
 from service.stream.assembly import DEFAULT

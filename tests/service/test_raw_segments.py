@@ -16,13 +16,13 @@ from streams import ASSET, bursts
 from service.cli import run
 from service.errors import StoreError
 from service.fleet.assess_task import Work, assess_one
-from service.fleet.object_store import ObjectStore
-from service.fleet.raw_segments import SegmentSender
-from service.fleet.stored_recordings import stored_recordings
 from service.json_text import plain
 from service.operation.health import Health
 from service.results.board import Board
+from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawLimits, RawRecordings
+from service.results.raw_segments import SegmentSender
+from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.replay import replay

@@ -11,8 +11,8 @@ import trustme
 
 from service.cli import run
 from service.errors import StoreError
-from service.fleet import object_store
-from service.fleet.object_store import ObjectStore
+from service.results import object_store
+from service.results.object_store import ObjectStore
 
 SECRET = "the-secret-of-the-tests"
 

@@ -225,3 +225,38 @@ def test_when_the_newest_frame_came_is_known_and_outlives_a_restart():
     assert assembler.last_arrival_ns == frames[-1].end_time_ns + 7 * NS
     again = Assembler.from_dict(json.loads(json.dumps(saved)))
     assert again.last_arrival_ns > frames[24].end_time_ns and again.closed_until_ns > T0
+
+
+@pytest.mark.parametrize("ahead", [DAY, 30 * DAY, HOUR])
+def test_a_logger_that_asks_what_is_stored_is_followed_when_its_clock_is_set_right(ahead):
+    """It was taken for a recording that was made before what is stored, until the time had come that it had shown."""
+    frames = bursts(8, frames=12)
+    sent = [*moved(frames[:192], ahead), *frames[192:]]
+    assembler = Assembler(AssemblySettings(settle=4))
+    assembler.recorded = True
+    windows = [w for f, s in zip(frames, sent, strict=True) for w in assembler.add(s, f.end_time_ns)]
+    windows += assembler.flush()
+    assert "past" not in assembler.left_out
+    assert sum(w.accelerations["y6"].values.size for w in windows) == pytest.approx(8 * 3000, abs=500)
+    assert sum(w.start_time_ns < T0 + HOUR / 2 for w in windows) >= 4
+    for f in moved(frames[:48], -900 * DAY, 5000):  # a recording of long ago is of the past all the same
+        assert assembler.add(f, frames[-1].end_time_ns) == []
+    assert assembler.left_out["past"] == 48
+
+
+@pytest.mark.parametrize("number", [1, 3, 7])
+def test_a_recording_of_few_frames_from_the_future_is_not_waited_for_without_end(number):
+    """Fewer frames than show that a clock was set were held as long as nothing else came."""
+    frames = bursts(2, frames=12)
+    assembler = Assembler(AssemblySettings(settle=4))
+    assembler.recorded = True
+    now = frames[-1].end_time_ns
+    before = [w for f in frames for w in assembler.add(f, now)] + assembler.flush()
+    short = moved([f for f in bursts(1, frames=number)], DAY, 900)
+    windows = [w for f in short for w in assembler.add(f, now)]
+    assert assembler.waiting
+    windows += assembler.flush()
+    assert not assembler.waiting
+    assert [w.accelerations["y6"].values.size for w in before + windows] == [3000, 3000, 250 * number]
+    assert assembler.position.unsettled_from_ns is None
+    assert {action for _, _, action in clock_faults(windows)} == {"repaired"}

@@ -38,11 +38,11 @@ LOADED_WHERE_SET = {
     "service/fleet/assess_task.py": "fleet",
     "service/fleet/batch.py": "fleet",
     "service/fleet/loopback_node.py": "fleet",
-    "service/fleet/object_store.py": "fleet",
-    "service/fleet/raw_segments.py": "fleet",
+    "service/results/object_store.py": "fleet",
+    "service/results/raw_segments.py": "fleet",
     "service/fleet/ray_tasks.py": "fleet",
     "service/fleet/segments.py": "fleet",
-    "service/fleet/stored_recordings.py": "fleet",
+    "service/results/stored_recordings.py": "fleet",
 }  # files that alone know an extra's packages
 READERS = ROOT / "service" / "files" / "readers"
 COMMANDS = sorted(c.name or c.callback.__name__ for c in app.registered_commands if c.callback)
@@ -129,6 +129,16 @@ def test_rooms_below_the_loops_know_neither_loops_nor_rest_nor_commands():
     for room in ("files", "stream", "contract", "results"):
         for file in sources(f"service/{room}"):
             assert not {".".join(name.split(".")[:2]) for name in imports(file)} & above, file
+
+
+def test_answers_know_no_loops_loops_no_fleets_and_the_python_client_nothing_of_the_service_but_its_contract():
+    """The recorder of raw frames imported the fleet, routes the loops, and the client the routes."""
+    above = {"service/api": ("runtime", "cli", "fleet"), "service/runtime": ("cli", "fleet")}
+    for folder, rooms in above.items():
+        for file in sources(folder):
+            assert not {name.split(".")[1] for name in imports(file) if name.startswith("service.")} & set(rooms), file
+    known = {name.split(".")[1] for name in imports(ROOT / "gear_twin" / "client.py") if name.startswith("service.")}
+    assert known == {"access", "contract"}
 
 
 def test_files_of_the_page_are_loaded_in_no_circle():

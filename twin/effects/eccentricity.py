@@ -29,7 +29,7 @@ from typing import ClassVar
 import numpy as np
 
 from twin.dynamics.structure import direction
-from twin.effects.facts import DetectionThresholds
+from twin.effects.facts import DetectionThresholds, Facts
 from twin.effects.parameter import Parameter, check
 from twin.effects.setup import Setup, Shift
 from twin.thresholds import deciding
@@ -44,6 +44,20 @@ class EccentricityDetection(DetectionThresholds):
         of="run-out that takes up the backlash",
         meaning="largest eccentricity that is possible; the model is given no more",
         source="derivation: j = 2·e·sin α, the change of j with the centre distance; beyond it the teeth jam",
+    )
+
+
+def facts_of(gear: str) -> Facts:
+    """What is said of the eccentricity of one of the two gears."""
+    return Facts(
+        label=f"{gear} eccentricity",
+        action=f"Check the run-out of the {gear} on its shaft at the next stop.",
+        acts_on="shaft",
+        periods=(gear,),
+        detector="eccentricity",
+        detection=EccentricityDetection(),
+        ended_by=("gears_replaced", "reassembled"),
+        changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py
     )
 
 

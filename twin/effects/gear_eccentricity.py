@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from twin.effects.eccentricity import Eccentricity, EccentricityDetection
+from twin.effects.eccentricity import Eccentricity, facts_of
 from twin.effects.facts import Facts
 from twin.effects.signature import Signature
 
@@ -30,13 +30,4 @@ class GearEccentricity(Eccentricity):
     shaft: ClassVar[int] = 1
     period: ClassVar[str] = "gear"
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("gear",))
-    facts: ClassVar[Facts] = Facts(
-        label="gear eccentricity",
-        action="Check the run-out of the gear on its shaft at the next stop.",
-        acts_on="shaft",
-        periods=("gear",),
-        detector="eccentricity",
-        detection=EccentricityDetection(),
-        ended_by=("gears_replaced", "reassembled"),
-        changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py
-    )
+    facts: ClassVar[Facts] = facts_of("gear")

@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from twin.effects.eccentricity import Eccentricity, EccentricityDetection
+from twin.effects.eccentricity import Eccentricity, facts_of
 from twin.effects.facts import Facts
 from twin.effects.signature import Signature
 
@@ -30,13 +30,4 @@ class PinionEccentricity(Eccentricity):
     shaft: ClassVar[int] = 0
     period: ClassVar[str] = "pinion"
     signature: ClassVar[Signature] = Signature(shape="run_out", shafts=("pinion",))
-    facts: ClassVar[Facts] = Facts(
-        label="pinion eccentricity",
-        action="Check the run-out of the pinion on its shaft at the next stop.",
-        acts_on="shaft",
-        periods=("pinion",),
-        detector="eccentricity",
-        detection=EccentricityDetection(),
-        ended_by=("gears_replaced", "reassembled"),
-        changes_mesh_lines=False,  # by less than 0.1 % of worn teeth's lines: extended.py
-    )
+    facts: ClassVar[Facts] = facts_of("pinion")

@@ -15,8 +15,8 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from service.errors import InputError, StoreError
-from service.fleet.object_store import ObjectStore, is_url
-from service.fleet.scratch import scratch
+from service.results.object_store import ObjectStore, is_url
+from service.results.scratch import scratch
 from service.stream.frames import NS
 
 SUFFIX = ".mcap"

@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from service.errors import StoreError
-from service.fleet.store_faults import is_of_bucket, refusal, said
+from service.results.store_faults import is_of_bucket, refusal, said
 
 SCHEMES = ("s3", "s3a", "gs", "az", "abfs", "abfss", "file")
 ANSWER_WAIT, CONNECT_WAIT, RETRY_WAIT = 60.0, 5.0, 20.0  # of one request, and of all its attempts together [s]

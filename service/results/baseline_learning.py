@@ -9,9 +9,9 @@ from service.errors import InputError, NotKept
 from service.files.baseline import learned_from, read_baseline, save
 from service.files.rig import checked_rig
 from service.results.asset_life import AssetLife
+from service.results.present_machine import demand_present
 from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
-from service.runtime.present_machine import demand_present
 from twin.baseline.learned import Baseline
 from twin.baseline.validity import identity_of
 from twin.errors import TwinError
