@@ -66,10 +66,11 @@ class Rig:
     def get(self, path: str, default: Any = None) -> Any:
         """The value at a dotted path, or the default where the file does not give it."""
         node: Any = self.values
-        for key in path.split("."):
-            if not isinstance(node, Mapping) or key not in node:
-                return default
-            node = node[key]
+        try:
+            for key in path.split("."):
+                node = node[key]
+        except (KeyError, TypeError):  # no such key, or no table
+            return default
         return node
 
     def value(self, path: str) -> Any:

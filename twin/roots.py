@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-ACCURACY = 1e-13  # of a step, absolute or relative
-MOST_STEPS = 60  # by halves alone, from 16 to the accuracy
+LEAST_STEP = 1e-13  # of halving
+MOST_STEPS = 60  # by halves alone, from 16 to the least
 
 
 def rising_roots(
@@ -21,10 +21,12 @@ def rising_roots(
     start: np.ndarray,
     low: np.ndarray | float,
     high: np.ndarray | float,
+    last_step: float = 1e-7,
 ) -> np.ndarray:
     """Where functions are zero (n,), from a start (n,) between two bounds (n,) each.
 
-    function  values and slopes (n,) at places (n,)
+    function   values and slopes (n,) at places (n,)
+    last_step  of Newton's method: what is left after it is of the order of its square
     """
     x = start
     for _ in range(MOST_STEPS):
@@ -33,7 +35,8 @@ def rising_roots(
         low, high = np.where(short, x, low), np.where(short, high, x)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = x - value / slope
-        before, x = x, np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        if np.all(np.abs(x - before) <= ACCURACY * np.maximum(1.0, np.abs(x))):
+        inside = (newton >= low) & (newton <= high)
+        before, x = x, np.where(inside, newton, 0.5 * (low + high))
+        if np.all(np.abs(x - before) <= np.where(inside, last_step, LEAST_STEP)):
             break
     return x

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, Structure, addressof, byref, c_char, c_double, c_int, c_int64, c_void_p
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -483,13 +484,16 @@ def best_phases(products: np.ndarray, phases: np.ndarray, prior: float, spread: 
     spread    infinite where nothing is known before
     """
     m, h = products.shape
-    orders = np.outer(np.arange(1, h + 1), phases)
-    given = (
-        _given(products.real, m, h), _given(products.imag, m, h), _given(phases, None), np.cos(orders), np.sin(orders),
-    )  # fmt: skip
+    given = _given(products.real, m, h), _given(products.imag, m, h)
     cost, out = np.empty(2 * phases.size), np.empty(m)
-    real, imaginary, scanned, cosines, sines = map(_at, given)
-    _kernels.best_phases(
-        m, h, real, imaginary, phases.size, scanned, cosines, sines, prior, spread, _at(cost), _at(out)
-    )
+    scanned = map(_at, _waves(h, phases.tobytes()))
+    _kernels.best_phases(m, h, *map(_at, given), phases.size, *scanned, prior, spread, _at(cost), _at(out))
     return out
+
+
+@lru_cache(maxsize=4)
+def _waves(harmonics: int, phases: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The phases scanned (n,), and cosines and sines of their multiples (h, n) each."""
+    ψ = np.frombuffer(phases).copy()
+    orders = np.outer(np.arange(1, harmonics + 1), ψ)
+    return ψ, np.cos(orders), np.sin(orders)

@@ -200,15 +200,11 @@ class Structure:
             out.real[some], out.imag[some] = strength @ real, -(strength @ imag)
         return out
 
-    def receptances(self, omega: np.ndarray, force: np.ndarray, responses: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """The same along several directions (n,) each, at a few frequencies that are not asked for again."""
-        modal = _modal(self, omega)
-        return [self._receptance(modal, force, response) for response in responses]
-
-    def _receptance(self, modal: np.ndarray, force: np.ndarray, response: np.ndarray) -> np.ndarray:
-        """The same from the receptances of the modes (n, 21)."""
-        Φ = self.modes[1]
-        return (modal * ((response @ Φ) * (Φ.T @ force))).sum(axis=1)
+    def receptances(self, omega: np.ndarray, force: np.ndarray, responses: Sequence[np.ndarray]) -> np.ndarray:
+        """The same along several directions (m, n), at a few frequencies that are not asked for again."""
+        ω, Φ = omega[:, None], self.modes[1]
+        modal = 1 / (self.modes[0] ** 2 - ω**2 + 1j * ω * self.modal_damping_terms)
+        return ((np.array(responses) @ Φ) * (Φ.T @ force)) @ modal.T
 
     def static_response(self, response: np.ndarray, force: np.ndarray) -> float:
         """Mean response [m/N] along one direction to a self-balanced set of constant forces.
@@ -242,16 +238,9 @@ class Structure:
 @lru_cache(maxsize=1024)  # at most FEW frequencies: 1 MB together
 def _few_receptances(structure: Structure, omega: bytes, force: bytes, response: bytes) -> np.ndarray:
     """`Structure.receptance` at the lines that are compared with measured ones, which fits ask for again and again."""
-    modal = _modal(structure, np.frombuffer(omega))
-    values = structure._receptance(modal, np.frombuffer(force), np.frombuffer(response))
+    (values,) = structure.receptances(np.frombuffer(omega), np.frombuffer(force), [np.frombuffer(response)])
     values.setflags(write=False)
     return values
-
-
-def _modal(structure: Structure, omega: np.ndarray) -> np.ndarray:
-    """1/(ω_r² − ω² + iω·2ζω_r) of every mode (n, 21) complex, at n frequencies [rad/s]."""
-    ω = omega[:, None]
-    return 1 / (structure.modes[0] ** 2 - ω**2 + 1j * ω * structure.modal_damping_terms)
 
 
 @lru_cache(maxsize=64)

@@ -21,7 +21,8 @@ Holds    for speeds spread evenly about their mean, changing slowly: within a de
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from functools import lru_cache
+from math import asinh, ceil, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +35,8 @@ from twin.rig import Rig
 from twin.thresholds import deciding
 from twin.updating.model_cache import nominal_model_of
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)  # of the range of speeds, −1 … 1
-WEIGHTS = WEIGHTS / 2
+EXACT = 1e-14  # relative, of a mean over the speeds
+MOST_NODES = 24  # speeds that a mean is taken of
 MOST_VARIATION = 0.999 / sqrt(3)  # at which the slowest of speeds spread evenly is above zero
 
 
@@ -54,32 +55,43 @@ class ChangingSpeed:
 LIMITS = ChangingSpeed()
 
 
-def speeds_of(speed_hz: float, variation: float) -> tuple[np.ndarray, np.ndarray]:
+def speeds_of(speed_hz: float, variation: float, nodes: int = MOST_NODES) -> tuple[np.ndarray, np.ndarray]:
     """Speeds within a window [Hz] and the share of turns made at each, (m,) both.
 
     variation  standard deviation of the speed over its mean; the speeds are spread evenly
     """
-    speeds = speed_hz * (1 + sqrt(3) * variation * NODES)
-    turns = WEIGHTS * speeds
+    places, weights = _gauss(nodes)
+    speeds = speed_hz * (1 + sqrt(3) * variation * places)
+    turns = weights * speeds
     return speeds, turns / turns.sum()
 
 
+_gauss = lru_cache(maxsize=MOST_NODES)(np.polynomial.legendre.leggauss)
+
+
+def _nodes(damping: float, variation: float) -> int:
+    """Speeds of a mean that is EXACT beside resonances of a damping: its error falls as e^{−2n·arsinh(ζ/range)}."""
+    rate = 2 * asinh(damping / (sqrt(3) * variation))
+    return ceil(min(MOST_NODES, -log(EXACT) / max(rate, 1e-9)))
+
+
 class Passage(NamedTuple):
-    """What a channel shows of a transmission error of amplitude 1 m whose speed changes, at orders (n,)."""
+    """What a channel shows of a transmission error of amplitude 1 m whose speed changes, at orders (…, n)."""
 
     at_mean: np.ndarray  # T at the mean speed, complex
     mean: np.ndarray  # ⟨T⟩ over the turns, complex
     power: np.ndarray  # ⟨|T|²⟩ over the time
 
 
-def passages(model: Model, orders: np.ndarray, speed_hz: float, variation: float) -> dict[str, Passage]:
-    """The passages of all channels (acceleration, encoder, torque) at orders above 0 (n,)."""
-    speeds, share = speeds_of(speed_hz, variation)
-    made = transfers(model, "mesh", np.outer([*speeds, speed_hz], orders).ravel())
-    tables = {channel: T.reshape(-1, orders.size) for channel, T in made.items()}
+def passages(model: Model, orders: np.ndarray, speed_hz: float | np.ndarray, variation: float) -> dict[str, Passage]:
+    """The passages of all channels (acceleration, encoder, torque) at mean speeds (…) and orders above 0 (n,)."""
+    speeds, share = speeds_of(1.0, variation, _nodes(model.structure.modal_damping, variation))
+    time = share / speeds / (share / speeds).sum()
+    at = np.multiply.outer(np.multiply.outer(speed_hz, [*speeds, 1.0]), orders)
+    made = {channel: T.reshape(at.shape) for channel, T in transfers(model, "mesh", at.ravel()).items()}
     return {
-        channel: Passage(at_mean=T[-1], mean=share @ T[:-1], power=WEIGHTS @ np.abs(T[:-1]) ** 2)
-        for channel, T in tables.items()
+        channel: Passage(at_mean=T[..., -1, :], mean=share @ T[..., :-1, :], power=time @ np.abs(T[..., :-1, :]) ** 2)
+        for channel, T in made.items()
     }
 
 
@@ -98,18 +110,14 @@ def with_changing_speed(rig: Rig, features: WindowFeatures, limits: ChangingSpee
         return features
     orders = _orders_of(features)
     off = rig.tolerances.stiffness / 2  # of a natural frequency, for that of the stiffness
-    nominal, *others = (passages(model, orders, speed * factor, variation) for factor in (1.0, 1 - off, 1 + off))
+    made = passages(model, orders, speed * np.array([1.0, 1 - off, 1 + off]), variation)
 
     def at_mean(channel: str, lines: MeasuredLines | None) -> MeasuredLines | None:
-        if lines is None:
-            return None
-        return _at_mean_speed(
-            lines, orders, [made[channel].at_mean / made[channel].mean for made in (nominal, *others)]
-        )
+        return None if lines is None else _at_mean_speed(lines, orders, made[channel].at_mean / made[channel].mean)
 
     level = None
     if features.acceleration is not None and features.rms:
-        level = _level_uncertainty(rig.band, features, speed, orders, nominal["acceleration"])
+        level = _level_uncertainty(rig.band, features, speed, orders, made["acceleration"])
     return replace(
         features,
         level_uncertainty=level,
@@ -132,16 +140,16 @@ def _orders_of(features: WindowFeatures) -> np.ndarray:
     return np.unique([*mesh, *(order for order in heard if order > 0)])
 
 
-def _at_mean_speed(lines: MeasuredLines, orders: np.ndarray, ratios: list[np.ndarray]) -> MeasuredLines:
+def _at_mean_speed(lines: MeasuredLines, orders: np.ndarray, ratios: np.ndarray) -> MeasuredLines:
     """Mesh lines and sidebands of a channel as at the mean speed.
 
-    ratios  r at orders that rise (n,), as the rig file has the natural frequencies, and with all lower and higher
+    ratios  r at orders that rise (3, n), as the rig file has the natural frequencies, and with all lower and higher
     """
     of_mesh = np.array([k > 0 for k, _, _ in lines.keys])
     if not of_mesh.any():
         return lines
     at = np.searchsorted(orders, np.array(lines.orders)[of_mesh])
-    r, low, high = (ratio[at] for ratio in ratios)
+    r, low, high = ratios[:, at]
     y, std = np.array(lines.amplitudes, dtype=complex), np.array(lines.std, dtype=float)
     moved = np.maximum(np.abs(low - r), np.abs(high - r)) * np.abs(y[of_mesh])
     std[of_mesh] = np.sqrt((np.abs(r) * std[of_mesh]) ** 2 + moved**2 / 2)
@@ -159,7 +167,7 @@ def _level_uncertainty(
     inside = (own * speed >= band[0]) & (own * speed <= band[1]) & (own > 0)
     if not inside.any():
         return 0.0
-    at_mean, mean, power = (values[np.searchsorted(orders, own[inside])] for values in passage)
+    at_mean, mean, power = (values[0, np.searchsorted(orders, own[inside])] for values in passage)
     share = energy[inside] / np.abs(mean) ** 2
     noise = (features.noise_rms or 0.0) ** 2
     return float(abs(sqrt((share @ np.abs(at_mean) ** 2 + noise) / (share @ power + noise)) - 1))

@@ -31,12 +31,13 @@ Holds    where wear is the only thing that grows; the mean also where nothing mo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from twin.compiled import best_phases
+from twin.roots import rising_roots
 from twin.thresholds import deciding
 from twin.updating.depth_band import DepthParts, structure_std
 
@@ -88,8 +89,9 @@ class DepthModel:
 DEPTH = DepthModel()
 HARMONICS = 3  # mesh harmonics that carry the depth
 GRADED = np.linspace(0, 1, 41) ** 1.5  # depths of the first scan, of the range searched
-REFINED = 129  # depths of each scan about the lowest of the one before
-ACCURACY = 1e-9  # [m]
+CLOSE = 3e-10  # [m]: a thousandth of what the least depth is uncertain by
+STENCIL = np.array([[-1.0], [0.0], [1.0]])
+ACCURACY = 1e-9  # of a step of the search [m]
 PHASES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # of the mesh, where the scan looks first [rad]
 
 
@@ -127,8 +129,9 @@ class DepthEstimate:
     noise_std: float  # the part of it that is independent from window to window [m]
     phase: float  # ψ [rad]
     from_lines: float  # depth that the lines alone would give [m]
-    misfit: float  # J at the minimum over its degrees of freedom
+    misfit: float  # 2·J at the minimum, without Σ ln σ_k², over its degrees of freedom
     at_limit: bool  # whether the deeper bound of the search stopped it
+    by_mean: float = 0.0  # by how much that 2·J is above the one of the lines alone
     band: tuple[float, float] | None = None  # 5 and 95 % [m] where they do not follow from the standard deviation
     stated: float = 1.0  # standard deviation that the band states, over `std`
 
@@ -140,6 +143,11 @@ class DepthEstimate:
 
 Response = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Depths (m,) → m_k, less m_k(0) if from unworn (m, HARMONICS), and m_0 (m,)."""
+
+
+def freedom(gauge: Gauge) -> int:
+    """Degrees of freedom of a fit of depth and phase."""
+    return 2 * HARMONICS + (gauge.mean is not None) - 2
 
 
 def best_phase(model: np.ndarray, gauge: Gauge, weight: np.ndarray) -> float:
@@ -158,70 +166,65 @@ def _wrap(angle):
     return -(((-np.asarray(angle)) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _misfits(depths: np.ndarray, gauge: Gauge, response: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """2·J of the lines, what the mean adds to it, and the phase, at depths (m,) [m]; (m,) each."""
-    models, means = response(depths)
+class _Costs(NamedTuple):
+    """The parts of 2·J at some depths, and the phase there, (m,) each."""
+
+    lines: np.ndarray  # with what the phase was before
+    size: np.ndarray  # Σ ln σ_k², which grows with the lines
+    mean: np.ndarray
+    phase: np.ndarray  # ψ [rad]
+
+    def total(self, mean_weight: np.ndarray | float) -> np.ndarray:
+        return self.lines + self.size + mean_weight * self.mean
+
+
+def _costs(depths: np.ndarray, gauge: Gauge, response: Response) -> _Costs:
+    """What explaining a gauge by depths (…) [m] costs; (…) each."""
+    models, means = response(depths.ravel())
     σ2 = (gauge.scatter * np.abs(models)) ** 2 + gauge.lines_std**2 + DEPTH.floor**2
     ψ = _best_phases(models, gauge, 1 / σ2)
     k = np.arange(1, models.shape[1] + 1)
-    left = np.abs(np.exp(1j * k * ψ[:, None]) * models - gauge.lines) ** 2 / σ2
-    J = left.sum(axis=1) + np.log(σ2).sum(axis=1)
+    lines = (np.abs(np.exp(1j * k * ψ[:, None]) * models - gauge.lines) ** 2 / σ2).sum(axis=1)
     if gauge.phase is not None:
-        J += (_wrap(ψ - gauge.phase) / gauge.phase_std) ** 2
-    added = np.zeros_like(means) if gauge.mean is None else ((means - gauge.mean) / gauge.mean_std) ** 2
-    return J, added, ψ
+        lines += (_wrap(ψ - gauge.phase) / gauge.phase_std) ** 2
+    mean = np.zeros_like(means) if gauge.mean is None else ((means - gauge.mean) / gauge.mean_std) ** 2
+    return _Costs(*(part.reshape(depths.shape) for part in (lines, np.log(σ2).sum(axis=1), mean, ψ)))
 
 
-@dataclass(slots=True, eq=False)
-class _Search:
-    """A search of a gauge's depth: what was found of depths in one range is at hand for the next search in it."""
-
-    gauge: Gauge
-    response: Response
-    scans: dict[tuple[float, float], tuple[np.ndarray, ...]] = field(default_factory=dict)
-
-    def scan(self, low: float, high: float) -> tuple[np.ndarray, ...]:
-        """REFINED even depths of a range [m], and `_misfits` there."""
-        if (low, high) not in self.scans:
-            depths = np.linspace(low, high, REFINED)
-            self.scans[low, high] = depths, *_misfits(depths, self.gauge, self.response)
-        return self.scans[low, high]
-
-    def lowest(self, mean_weight: float, low: float, high: float) -> tuple[float, float, float]:
-        """Where the cost, with one minimum between two depths [m], is lowest within ACCURACY: ever closer scans; the
-        depth [m], 2·J there and the phase.
-
-        The cost has kinks at the points of the wear curve, and many depths at once take hardly longer than one.
-        """
-        while True:
-            depths, lines, mean, ψ = self.scan(low, high)
-            cost = lines + mean_weight * mean
-            i = int(cost.argmin())
-            if depths[1] - depths[0] <= ACCURACY:
-                return float(depths[i]), float(lines[i] + mean[i]), float(ψ[i])
-            low, high = float(depths[max(i - 1, 0)]), float(depths[min(i + 1, REFINED - 1)])
+def explained_at(depth: float, gauge: Gauge, response: Response) -> tuple[float, float]:
+    """2·J of a gauge at a depth [m], without Σ ln σ_k², and the mesh phase ψ there [rad]."""
+    costs = _costs(np.array([depth]), gauge, response)
+    return float(costs.lines[0] + costs.mean[0]), float(costs.phase[0])
 
 
 def estimate_depth(gauge: Gauge, response: Response, shallowest: float, deepest: float) -> DepthEstimate:
-    """The depth between two bounds [m] that explains the gauge best, by scans."""
+    """The depth between two bounds [m] that explains the gauge best, and that of its lines alone.
+
+    A scan finds where either cost is lowest; there its slope, by depths CLOSE together, is brought to zero. The cost
+    has kinks at the points of the wear curve, where its slope changes sign at once.
+    """
     grid = shallowest + (deepest - shallowest) * GRADED
-    by_lines, by_mean, _ = _misfits(grid, gauge, response)
-    search = _Search(gauge, response)
+    weights = np.array([1.0]) if gauge.mean is None else np.array([1.0, 0.0])  # of the mean
+    i = _costs(grid, gauge, response).total(weights[:, None]).argmin(axis=1)
 
-    def best(mean_weight: float) -> tuple[float, float, float]:
-        i = int((by_lines + mean_weight * by_mean).argmin())
-        return search.lowest(mean_weight, float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]))
+    def slopes(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        near = np.clip(depths + CLOSE * STENCIL, shallowest, deepest)
+        less, same, more = _costs(near, gauge, response).total(weights)
+        return (more - less) / (2 * CLOSE), (more - 2 * same + less) / CLOSE**2
 
-    depth, J, ψ = best(1.0)
-    from_lines = best(0.0)[0] if gauge.mean is not None else depth
-    misfit, spread = _uncertainty(gauge, response, depth, J, (shallowest, deepest))
+    depths = rising_roots(slopes, grid[i], grid[np.maximum(i - 1, 0)], grid[np.minimum(i + 1, grid.size - 1)], ACCURACY)
+    costs = _costs(depths, gauge, response)
+    depth, cost = float(depths[0]), float(costs.lines[0] + costs.mean[0])
+    misfit = cost / freedom(gauge)
+    spread = _uncertainty(gauge, response, depth, misfit, (shallowest, deepest))
     return DepthEstimate(
         depth=depth,
         std=spread.std,
         noise_std=spread.noise,
-        phase=ψ,
-        from_lines=from_lines,
+        phase=float(costs.phase[0]),
+        from_lines=float(depths[-1]),
         misfit=misfit,
+        by_mean=cost - float(costs.lines[-1]),
         at_limit=depth > shallowest + DEPTH.at_limit * (deepest - shallowest),
         stated=spread.stated / spread.std if np.isfinite(spread.std) else 1.0,
     )
@@ -235,10 +238,8 @@ class _Spread(NamedTuple):
     noise: float  # independent from window to window
 
 
-def _uncertainty(
-    gauge: Gauge, response: Response, depth: float, J: float, bounds: tuple[float, float]
-) -> tuple[float, _Spread]:
-    """Misfit and uncertainty of the depth found between two bounds [m], to first order about it."""
+def _uncertainty(gauge: Gauge, response: Response, depth: float, misfit: float, bounds: tuple[float, float]) -> _Spread:
+    """Uncertainty of the depth found between two bounds [m], to first order about it."""
     step = max(0.02 * depth, 0.3e-6)
     low, high = max(depth - step, bounds[0]), min(depth + step, bounds[1])
     (up, down, model), (mean_up, mean_down, _) = response(np.array([high, low, depth]))
@@ -247,10 +248,8 @@ def _uncertainty(
     σ2 = (gauge.scatter * np.abs(model)) ** 2 + noise2 + DEPTH.floor**2
     by_mean = 0.0 if gauge.mean is None else mean_slope**2 / gauge.mean_std**2
     information = float((np.abs(slope) ** 2 / σ2).sum()) + by_mean
-    freedom = 2 * HARMONICS + (gauge.mean is not None) - 2
-    misfit = (J - float(np.log(σ2).sum())) / freedom
     if information <= 0:
-        return misfit, _Spread(float("inf"), float("inf"), float("inf"))
+        return _Spread(float("inf"), float("inf"), float("inf"))
     lines_std = float(1 / np.sqrt(information))
     noise = float(np.sqrt((np.abs(slope) ** 2 * noise2 / σ2**2).sum())) / information
     parts = DepthParts(
@@ -262,4 +261,4 @@ def _uncertainty(
         alike=float(gauge.scatter[0] / DEPTH.model_scatter[0]),
     )
     std = float(np.hypot(lines_std * np.sqrt(max(misfit, 1.0)), DEPTH.shape_scatter * depth**2))
-    return misfit, _Spread(std=std, stated=parts.std(depth), noise=noise)
+    return _Spread(std=std, stated=parts.std(depth), noise=noise)

@@ -18,7 +18,7 @@ from twin.features.window_features import WindowFeatures
 from twin.model import Condition, Model
 from twin.thresholds import deciding
 from twin.updating import encoders
-from twin.updating.depth import HARMONICS, DepthEstimate, Gauge
+from twin.updating.depth import DepthEstimate, Gauge, explained_at, freedom
 from twin.updating.memory import Memory
 from twin.updating.prediction import Expectation
 
@@ -75,30 +75,23 @@ def settled(
         return None
     notes: list[str] = []
     expectation, estimate = search(gauge)
-    if gauge.mean is not None and _misfit(gauge, estimate) > REMOUNT.chi_square:
-        freed = replace(gauge, mean=None)
-        found = search(freed)
-        if _misfit(gauge, estimate) - _misfit(freed, found[1]) > REMOUNT.chi_square:
-            off = gauge.mean - found[0].lines(found[1].depth).mean
-            notes.append(
-                f"the mean of the transmission error is {off * 1e6:+.0f} µm off what its mesh lines say: a lost count, "
-                "a moved disc, or an effect that the twin lacks; not used"
-            )
-            gauge, (expectation, estimate) = freed, found
-            memory = replace(memory, offset=None)
-    if gauge.phase is not None and _misfit(gauge, estimate) > REMOUNT.chi_square:
+    if gauge.mean is not None and estimate.by_mean > REMOUNT.chi_square:
+        mean, gauge, memory = gauge.mean, replace(gauge, mean=None), replace(memory, offset=None)
+        expectation, estimate = search(gauge)
+        off = mean - expectation.lines(estimate.depth).mean
+        notes.append(
+            f"the mean of the transmission error is {off * 1e6:+.0f} µm off what its mesh lines say: a lost count, "
+            "a moved disc, or an effect that the twin lacks; not used"
+        )
+    if gauge.phase is not None and estimate.misfit * freedom(gauge) > REMOUNT.chi_square:
         anew = replace(memory, phase=None, phase_std=Memory().phase_std, discs_since_ns=features.start_time_ns)
-        again = encoders.gauge_of(features, anew, model, condition)
-        freed = gauge if again is None else again
-        found = search(freed)
-        turn = float(np.angle(np.exp(1j * (found[1].phase - gauge.phase))))
-        better = _misfit(gauge, estimate) - _misfit(freed, found[1]) > REMOUNT.chi_square
-        if better and abs(turn) > REMOUNT.least_turn and found[1].depth > REMOUNT.worn_enough:
-            notes.append(f"the pinion's disc has turned by {turn:+.2f} rad of mesh phase since the last window")
-            gauge, (expectation, estimate), memory = freed, found, anew
+        freed = encoders.gauge_of(features, anew, model, condition) or gauge
+        response = expectation.response(freed.pinion_only, freed.from_unworn)
+        cost, phase = explained_at(estimate.depth, freed, response)  # a phase hardly depends on the depth
+        turn = float(np.angle(np.exp(1j * (phase - gauge.phase))))
+        if estimate.misfit * freedom(gauge) - cost > REMOUNT.chi_square and abs(turn) > REMOUNT.least_turn:
+            found = search(freed)
+            if found[1].depth > REMOUNT.worn_enough:
+                notes.append(f"the pinion's disc has turned by {turn:+.2f} rad of mesh phase since the last window")
+                gauge, (expectation, estimate), memory = freed, found, anew
     return SettledDepth(memory=memory, gauge=gauge, expectation=expectation, estimate=estimate, notes=tuple(notes))
-
-
-def _misfit(gauge: Gauge, estimate: DepthEstimate) -> float:
-    """2·J without its normalising logarithms."""
-    return estimate.misfit * (2 * HARMONICS + (gauge.mean is not None) - 2)

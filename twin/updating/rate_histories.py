@@ -141,13 +141,14 @@ HISTORIES = RateHistories()
 
 
 class Grid(NamedTuple):
-    """One history a row, (h,) each."""
+    """One history a row, (h,) each, and what they are made of (k,): every choice of g, u and s."""
 
     form: np.ndarray
-    wander: np.ndarray  # g
-    irregular: np.ndarray  # u
-    scatter: np.ndarray  # s
+    choice: np.ndarray
     prior: np.ndarray
+    wander: np.ndarray  # g (k,)
+    irregular: np.ndarray  # u (k,)
+    scatter: np.ndarray  # s (k,)
 
 
 @lru_cache(maxsize=32)
@@ -160,22 +161,17 @@ def grid_of(steps: int, histories: RateHistories) -> Grid:
     forms = [plain, *[histories.trend_prior / trends] * trends, *[histories.power_prior / powers] * powers]
     forms += [histories.running_in_prior / decays] * decays
     forms += [step / steps] * steps + [shift / steps] * steps if steps else []
-    wanders = np.array(histories.wanders)
-    share = np.full(wanders.size, (1 - histories.steady) / (wanders.size - 1))
+    g, u, s = (np.array(values) for values in (histories.wanders, histories.irregular, histories.scatters))
+    choices = np.arange(g.size * u.size * s.size).reshape(g.size, u.size, s.size)
+    share = np.full(choices.shape, (1 - histories.steady) / (g.size - 1))
     share[0] = histories.steady
-    cells = []
+    rows = []
     for form, prior in enumerate(forms):
-        each = slice(None, None, 2 if form else None)
-        irregular = histories.irregular[each]
-        each_share = share[each] / share[each].sum()
-        cells += [
-            (form, g, u, s, prior * p / len(irregular) / len(histories.scatters))
-            for g, p in zip(wanders[each].tolist(), each_share.tolist(), strict=True)
-            for u in irregular
-            for s in histories.scatters
-        ]
-    table = np.array(cells).T
-    return Grid(table[0].astype(int), *table[1:])
+        each = (slice(None, None, 2),) * 2 if form else ()
+        weights = share[each].ravel()
+        rows.append((np.full(weights.size, form), choices[each].ravel(), prior * weights / weights.sum()))
+    of = (values.ravel() for values in np.meshgrid(g, u, s, indexing="ij"))
+    return Grid(*(np.concatenate(column) for column in zip(*rows, strict=True)), *of)
 
 
 class Forms(NamedTuple):

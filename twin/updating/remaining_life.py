@@ -80,7 +80,6 @@ class LifeScatter:
 LIFE = LifeScatter()
 FARTHEST = 8.0  # standard normal score between which a quantile is sought
 LEAST_SPREAD = 1e-9  # of ln N
-LEAST_WEIGHT = 1e-4  # histories below it change no quantile that is stated
 
 
 def through_contact_loss(curve: WorkCurve, depth: float, end_depth: float) -> tuple[float, float]:
@@ -246,9 +245,5 @@ def remaining_life(
 def _mixture(forecast: WearForecast, end: float, of_curve: float) -> LifeMixture:
     """The lives of the histories to a work; `of_curve` is the relative variance that all of them share."""
     lives = forecast.lives(end)
-    kept = lives.weights > LEAST_WEIGHT
-    return LifeMixture(
-        weights=lives.weights[kept] / lives.weights[kept].sum(),
-        medians=lives.median[kept],
-        spreads=np.sqrt(np.log1p(lives.relative[kept] ** 2 + of_curve)),
-    )
+    spreads = np.sqrt(np.log1p(lives.relative**2 + of_curve))
+    return LifeMixture(weights=lives.weights, medians=lives.median, spreads=spreads)

@@ -42,12 +42,13 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from twin.roots import rising_roots
-from twin.updating.rate_histories import HISTORIES, Forms, Grid, RateHistories, forms_of, grid_of
+from twin.updating.rate_histories import HISTORIES, RateHistories, forms_of, grid_of
 from twin.updating.wear_points import Points
 
 LEAST_WORK = 0.01  # of the largest: below it, distances in ln x are not resolved
 LONGEST = log(5.0)  # ln of a history's life over that at the present rate, at most
 KEPT = 8  # forecasts and lives: the answer and the stages of one window ask for the same
+LEAST_WEIGHT = 1e-4  # histories below it change no quantile that is stated
 REACHED = 1e-9  # of the revolutions so far: life of a history whose end is reached
 
 
@@ -86,8 +87,9 @@ class WearForecast:
 
     @lru_cache(maxsize=KEPT)  # noqa: B019 (few, and compared by identity)
     def lives(self, end: float) -> Lives:
-        """Each history's life to a work; histories whose rate is not positive are left out."""
+        """Lives to a work of the histories that count; those whose rate is not positive are left out."""
         fits = self.mean[:, 1] > 0
+        fits &= self.weights > LEAST_WEIGHT * self.weights[fits].sum()
         now, P, to_go = self.mean[fits], self.covariance[fits], end - self.mean[fits, 0]
         form, weights = (self.decay[fits], self.trend[fits], self.power[fits]), self.weights[fits]
         c, by_c = self._ahead(now[:, 1], now[:, 2], form[1])
@@ -100,9 +102,8 @@ class WearForecast:
             ψ, slope = self._bent(L, *form)
             return (now[:, 1] * L + c * ψ) / to_go - 1, (now[:, 1] + c * slope) * L / to_go
 
-        L = np.exp(
-            rising_roots(worn, at, at - LONGEST, at + LONGEST)
-        )  # a rate that falls along a line would end at none
+        # a rate that falls along a line would end at none
+        L = np.exp(rising_roots(worn, at, at - LONGEST, at + LONGEST))
         ψ, slope = self._bent(L, *form)
         row = np.stack([np.ones_like(L), L, by_c * ψ], axis=1)
         var = np.einsum("hi,hij,hj->h", row, P, row) + self.wander[fits] * L**3 / 3 + self.irregular[fits] * L
@@ -147,65 +148,56 @@ def forecast_of(points: Points, revolutions: float, histories: RateHistories = H
     now = max(revolutions, float(N[-1]))
     mean_rate = float(z[-1] / N[-1])
     forms, grid = forms_of(N, now, histories), grid_of(min(histories.most_steps, N.size - 1), histories)
-    covariance = _prior(N, now, mean_rate, forms, grid)
-    shifted = (histories.shift_size * forms.shifted * z)[grid.form]
     wander, irregular = (grid.wander * mean_rate) ** 2 / now, (grid.irregular * mean_rate) ** 2 * now
+    sizes = forms.size * mean_rate
+    changes = sizes[:, None] * forms.windows + histories.shift_size * z * forms.shifted  # of the works, by b
+    prior = _prior(np.append(N, now), mean_rate, wander, irregular)  # of the works at the windows, x and κ now
+    n, S = N.size, prior[:, : N.size, : N.size]
     x = np.log(np.maximum(z, LEAST_WORK * z.max()))
-    alike = np.exp(-np.abs(x[:, None] - x[None]) / histories.alike)
-    n = N.size
-    S = covariance[:, :n, :n] + np.outer(shared, shared) * alike + (grid.scatter**2)[:, None, None] * np.diag(own**2)
-    S += shifted[:, :, None] * shifted[:, None, :]
-    seen = covariance[:, :n, n:]
-    left = np.broadcast_to((z - mean_rate * N)[None, :, None], (grid.form.size, n, 1))
+    S = S + np.outer(shared, shared) * np.exp(-np.abs(x[:, None] - x) / histories.alike)
+    S += (grid.scatter**2)[:, None, None] * np.diag(own**2)
     root = np.linalg.cholesky(S)
-    white = np.linalg.solve(root, np.concatenate([left, seen], axis=2))
-    left, seen = white[:, :, 0], white[:, :, 1:]
-    evidence = -0.5 * (left**2).sum(axis=1) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-    mean = np.einsum("hni,hn->hi", seen, left) + np.array([mean_rate * now, mean_rate, 0.0])
-    covariance = covariance[:, n:, n:] - np.einsum("hni,hnj->hij", seen, seen)
-    logs = evidence + np.log(grid.prior) + _of_its_sign(mean, covariance, forms, grid)
+    columns = np.concatenate([(z - mean_rate * N)[:, None], changes.T], axis=1)
+    columns = np.broadcast_to(columns, (len(S), *columns.shape))
+    white = np.linalg.solve(root, np.concatenate([prior[:, :n, n:], columns], axis=2))
+    seen, left, bent = white[:, :, :2], white[:, :, 2:3], white[:, :, 3:]
+    form, choice = grid.form, grid.choice
+    evidence = -0.5 * (left**2).sum(axis=(1, 2)) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    told = (bent**2).sum(axis=1)[choice, form]  # of b by the windows, over what was known of it before
+    b = (left * bent).sum(axis=1)[choice, form] / (1 + told)
+    ahead = sizes * np.stack([forms.now, forms.slope, np.ones(sizes.size)])  # of (x, κ, c) by b
+    by_b = ahead[:, form].T
+    by_b[:, :2] -= (seen.transpose(0, 2, 1) @ bent)[choice, :, form]
+    mean, covariance = np.zeros((len(S), 3)), np.zeros((len(S), 3, 3))
+    mean[:, :2] = np.array([mean_rate * now, mean_rate]) + (seen * left).sum(axis=1)
+    covariance[:, :2, :2] = prior[:, n:, n:] - seen.transpose(0, 2, 1) @ seen
+    logs = evidence[choice] + 0.5 * b**2 * (1 + told) - 0.5 * np.log1p(told) + np.log(grid.prior)
+    signed = (np.isfinite(forms.decay) | (forms.power != 1.0))[form]
+    logs[signed] += log_ndtr((b * np.sqrt(1 + told))[signed]) + log(2.0)  # P(c > 0 | z)/P(c > 0)
     weights = np.exp(logs - logs.max())
     return WearForecast(
         revolutions=now,
-        mean=mean,
-        covariance=covariance,
-        weights=weights / weights.sum(), wander=wander, irregular=irregular, decay=forms.decay[grid.form],
-        trend=forms.trend[grid.form], power=forms.power[grid.form], damping=histories.trend_damping * now,
+        mean=mean[choice] + b[:, None] * by_b,
+        covariance=covariance[choice] + (by_b[:, :, None] * by_b[:, None, :]) / (1 + told)[:, None, None],
+        weights=weights / weights.sum(), wander=wander[choice], irregular=irregular[choice], decay=forms.decay[form],
+        trend=forms.trend[form], power=forms.power[form], damping=histories.trend_damping * now,
     )  # fmt: skip
 
 
-def _of_its_sign(mean: np.ndarray, covariance: np.ndarray, forms: Forms, grid: Grid) -> np.ndarray:
-    """ln of P(c > 0 | z)/P(c > 0) of running-in and of a power, 0 of other forms, (h,)."""
-    signed = (np.isfinite(forms.decay) | (forms.power != 1.0))[grid.form]
-    out = np.zeros(signed.size)
-    out[signed] = log_ndtr(mean[signed, 2] / np.sqrt(covariance[signed, 2, 2])) + log(2.0)
-    return out
+def _prior(counts: np.ndarray, mean_rate: float, wander: np.ndarray, irregular: np.ndarray) -> np.ndarray:
+    """Covariance of the works at counts of revolutions and of the rate at the last, before anything was measured.
 
-
-def _prior(N: np.ndarray, now: float, mean_rate: float, forms: Forms, grid: Grid) -> np.ndarray:
-    """Covariance of the works at the windows and of (x, κ, c) now before anything was measured, (h, n + 3, n + 3).
-
-    κ_0 is known within a factor of two, one standard deviation.
+    (k, n + 1, n + 1) for wander and irregular wear (k,). κ_0 is known within a factor of two, one standard deviation.
     """
-    f, n = grid.form, N.size
-    counts = np.append(N, now)  # works at the windows, and now
     early, late = np.minimum(counts[:, None], counts), np.maximum(counts[:, None], counts)
-    φ, slope = np.concatenate([forms.windows, forms.now[:, None]], axis=1)[f], forms.slope[f]
-    c2 = (forms.size[f] * mean_rate) ** 2
-    wander, irregular = (grid.wander * mean_rate) ** 2 / now, (grid.irregular * mean_rate) ** 2 * now
-    out = np.zeros((f.size, n + 3, n + 3))
-    out[:, : n + 1, : n + 1] = (
+    out = np.empty((wander.size, counts.size + 1, counts.size + 1))
+    out[:, :-1, :-1] = (
         mean_rate**2 * np.outer(counts, counts)
         + wander[:, None, None] * (early**2 * (3 * late - early) / 6)
         + irregular[:, None, None] * early
-        + c2[:, None, None] * φ[:, :, None] * φ[:, None, :]
     )
-    rate = mean_rate**2 * counts + wander[:, None] * (counts**2 / 2) + (c2 * slope)[:, None] * φ
-    out[:, n + 1, : n + 1] = out[:, : n + 1, n + 1] = rate
-    out[:, n + 2, : n + 1] = out[:, : n + 1, n + 2] = c2[:, None] * φ
-    out[:, n + 1, n + 1] = mean_rate**2 + wander * now + c2 * slope**2
-    out[:, n + 1, n + 2] = out[:, n + 2, n + 1] = c2 * slope
-    out[:, n + 2, n + 2] = c2
+    out[:, -1, :-1] = out[:, :-1, -1] = mean_rate**2 * counts + wander[:, None] * (counts**2 / 2)
+    out[:, -1, -1] = mean_rate**2 + wander * counts[-1]
     return out
 
 
