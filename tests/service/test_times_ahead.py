@@ -31,7 +31,7 @@ def replayed(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("length", [1.0, 2.0, 0.5])
 def test_a_recording_dated_a_day_ahead_is_stored_and_blocks_none_that_are_made_afterwards(
     tmp_path, replayed, monkeypatch, length
@@ -56,7 +56,7 @@ def test_a_recording_dated_a_day_ahead_is_stored_and_blocks_none_that_are_made_a
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("before", [1.9, 3.0, 3600.0])
 def test_measurements_at_the_end_of_times_are_refused_and_hold_up_nothing(tmp_path, replayed, monkeypatch, before):
     """Their windows ended beyond the numbers of 64 bits."""
