@@ -1,4 +1,4 @@
-"""Text that others wrote, as it may be shown: nothing in it steers a terminal, or turns what stands beside it."""
+"""Text that others wrote, as it may be shown: nothing in it steers a terminal, or reverses the text next to it."""
 
 from __future__ import annotations
 

@@ -13,6 +13,8 @@ from service.contract.answer import Asset, assemble
 from service.contract.estimate import step
 from service.files.recorded_rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
+from twin.assessment import Unexplained
+from twin.capabilities import CAPABILITIES
 from twin.effects import EFFECTS
 from twin.effects.addition import Addition
 from twin.errors import ParameterError, WindowError
@@ -285,6 +287,27 @@ def test_window_that_cannot_be_used_leaves_the_answer_of_the_ones_before():
     resumed, _ = step(rig, State.from_dict(json.loads(strict(after.to_dict()))), windows[6])
     straight, _ = step(rig, after, windows[6])
     assert strict(resumed.to_dict()) == strict(straight.to_dict())
+
+
+class SaidLast:
+    """A capability that has the last word on what is unexplained, where the window was judged."""
+
+    @staticmethod
+    def applies(context, draft):
+        return draft.judged
+
+    @staticmethod
+    def assess(context, draft):
+        return draft.with_parts(unexplained=Unexplained(verdict="insufficient_data", reason="said last"))
+
+
+def test_what_the_last_capability_said_of_a_judged_window_holds_for_those_that_are_not(monkeypatch):
+    rig, windows = recorded()
+    monkeypatch.setattr("twin.step.CAPABILITIES", (*CAPABILITIES, SaidLast))
+    state, _ = step(rig, State(), windows[0])
+    _, estimate = step(rig, state, replace(windows[1], encoders={}))
+    assert estimate.record["wear_depth_um"] is None
+    assert estimate.report["unexplained"]["reason"] == "said last"
 
 
 def test_accelerometer_that_reads_nothing_is_said_not_divided_by():
