@@ -127,7 +127,8 @@ def started(workers: int | None, address: str | None) -> Iterator[Any]:
             with _ended_quietly():
                 yield ray
         finally:
-            ray.shutdown()
+            with _standard_error_aside():
+                ray.shutdown()
 
 
 def _start_here(ray: Any, cores: int, **given: Any) -> None:
@@ -161,6 +162,19 @@ def _demand_answer(address: str) -> None:
     except (OSError, OverflowError) as error:
         said = (getattr(error, "strerror", None) or str(error)).lower()
         raise InputError(f"--address {address}: no Ray cluster answers there: {said}") from None
+
+
+@contextmanager
+def _standard_error_aside() -> Iterator[None]:
+    """Keeps what Ray's own code prints of calls that it breaks off from whoever ended the program."""
+    kept = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.slow
 UNSW = "/v1/assets/unsw"
 get, post = partial(httpx.get, timeout=60), partial(httpx.post, timeout=60)
 WINDOWS = 6
+UNHURRIED = "5"  # silence that ends a window where the publisher shares its processor with front ends [s]
 PARTS = (
     "", "/wear", "/rul", "/residual", "/effects", "/tracing", "/rig", "/windows", "/trend", "/quality", "/inspections",
     "/alarms", "/alarm-rules", "/signals", "/indicators", "/changes", "/epochs", "/baseline", "/decisions",
@@ -180,7 +181,7 @@ def test_alarms_are_signed_once_by_the_rules_of_the_asset(fleet, begun):
 
 def test_unknown_assets_wait_at_every_front_end_until_one_adopts_them(tmp_path, fleet):
     with (
-        at_work(tmp_path, fleet, NEW_ASSETS="ask") as process,
+        at_work(tmp_path, fleet, NEW_ASSETS="ask", IDLE_TIMEOUT=UNHURRIED) as process,
         front(fleet, data_of(process), new_assets="ask") as address,
         front(fleet, data_of(process), new_assets="ask") as second,
     ):
@@ -210,7 +211,7 @@ def test_unknown_assets_wait_at_every_front_end_until_one_adopts_them(tmp_path, 
 
 def test_a_dismissed_asset_is_listed_no_more(tmp_path, fleet):
     with (
-        at_work(tmp_path, fleet, NEW_ASSETS="ask") as process,
+        at_work(tmp_path, fleet, NEW_ASSETS="ask", IDLE_TIMEOUT=UNHURRIED) as process,
         front(fleet, data_of(process), new_assets="ask") as address,
     ):
         sending = threading.Thread(target=replayed, args=(process, fleet))
