@@ -2,6 +2,8 @@
 
 with part("tracing"): ...              in the core
 with observed_by(watch): step(...)     around it; watch(name) is a context manager that encloses each part
+
+Where a part is to be made elsewhere, `watch` raises PartRefused: the step ends by it, and nothing has been made.
 """
 
 from __future__ import annotations
@@ -13,6 +15,11 @@ from contextvars import ContextVar
 Watch = Callable[[str], AbstractContextManager[object]]
 
 TRACING = "tracing"  # the search for effects besides wear, and their fit
+
+
+class PartRefused(Exception):
+    """A part of a step that is not to be made here."""
+
 
 _WATCH: ContextVar[Watch | None] = ContextVar("watch", default=None)
 

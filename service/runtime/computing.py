@@ -23,7 +23,7 @@ from service.runtime.outcomes import Raw
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
 from twin.errors import TwinError
-from twin.observed import TRACING, observed_by
+from twin.observed import TRACING, PartRefused, observed_by
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
@@ -172,19 +172,15 @@ def carry_out(call: Call) -> Made:
 
     def watched(name: str) -> AbstractContextManager[None]:
         if call.hand_back and name == TRACING:
-            raise _SearchDue
+            raise PartRefused(name)
         return _timed(parts, name)
 
     with about(asset=call.asset, **window), observed_by(watched), _timed(parts, TOTAL):
         try:
             made = _VERBS[call.ask.verb](call)
-        except _SearchDue:
+        except PartRefused:
             made = Made(handed_back=True)
     return replace(made, parts=parts)
-
-
-class _SearchDue(BaseException):
-    """A search for effects is due, and is not to be made here. No error, which the twin's steps would look after."""
 
 
 @contextmanager

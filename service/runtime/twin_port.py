@@ -17,6 +17,7 @@ from service.errors import FAULT
 from service.json_text import plain
 from twin.errors import NotAvailable, TwinError
 from twin.machine_change import MachineChange
+from twin.observed import PartRefused
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.windows import Window
@@ -120,9 +121,7 @@ def guarded(twin: Twin, passed: tuple[type[Exception], ...] = ()) -> Twin:
         def called(*given: Any) -> tuple[Any, Any]:
             try:
                 return call(*given)
-            except TwinError:
-                raise
-            except passed:
+            except (TwinError, PartRefused, *passed):
                 raise
             except Exception as error:
                 log.exception("a window or decision was refused because of an internal error")
