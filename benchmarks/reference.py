@@ -1,7 +1,7 @@
 """Prints the tables of docs/reference from the code that they describe.
 
     python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant | opcua
-        | metrics | loops | states | log
+        | metrics | loops | states
 
 `python -m benchmarks.figures reference` writes them into the pages.
 """
@@ -425,13 +425,6 @@ def states() -> str:
     return _groups(reference_operations.states())
 
 
-def log_lines() -> str:
-    """Every log line."""
-    from benchmarks import reference_operations
-
-    return _groups(reference_operations.log_lines())
-
-
 def _groups(groups: Sequence[tuple[str, tuple[str, ...], Sequence[tuple[str, ...]]]]) -> str:
     """Tables, each below its title."""
     shown = ((f"### {title}\n\n" if title else "") + table(heads, rows) for title, heads, rows in groups)
@@ -441,7 +434,7 @@ def _groups(groups: Sequence[tuple[str, tuple[str, ...], Sequence[tuple[str, ...
 TABLES = {
     "commands": commands, "settings": settings, "rig": rig, "rest": rest, "json": keys, "answers": answers,
     "units": units, "client": client, "plant": plant, "opcua": opcua, "metrics": metrics,
-    "loops": loops, "states": states, "log": log_lines,
+    "loops": loops, "states": states,
 }  # fmt: skip
 
 

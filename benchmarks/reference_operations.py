@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 Group = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 """Title, heads and rows of a table."""
 
@@ -50,21 +48,3 @@ def states() -> list[Group]:
         )
         for title, (head, table) in tables.items()
     ]
-
-
-def log_lines() -> list[Group]:
-    """Every log line, by the part of the program that writes it."""
-    from benchmarks.log_calls import log_calls
-    from service.operation.log_catalogue import LINES
-
-    levels = {(call.place, call.text): call.level for call in log_calls()}
-    rows: list[tuple[str, ...]] = [
-        (f"`{_readable(line.text)}`", levels[line.place, line.text], f"`{line.place}`", line.meaning, line.action)
-        for line in LINES
-    ]
-    return [("", ("line", "level", "logger", "meaning", "what to do"), rows)]
-
-
-def _readable(text: str) -> str:
-    """A line with … for what is filled in."""
-    return re.sub(r"%[-+#0-9.]*[a-zA-Z]", "…", text)

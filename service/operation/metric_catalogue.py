@@ -387,7 +387,7 @@ OF_HTTP = (
     _counter(
         "log_lines_left_out",
         "log lines that were counted instead of written",
-        "The log says which; see the log lines below.",
+        "The log says which.",
     ),
 )
 

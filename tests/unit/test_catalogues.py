@@ -1,4 +1,4 @@
-"""What the operations page explains is all that the program says: log lines, faults, statuses, causes, alert rules."""
+"""What the operations page explains is all that the program says: faults, statuses, causes, alert rules."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import get_args
 import pytest
 import yaml
 
-from benchmarks.log_calls import log_calls
 from service.bridges.slow_inputs import CAUSES as INPUT_CAUSES
 from service.contract.alarms import State
 from service.contract.finding import Level
@@ -19,7 +18,6 @@ from service.contract.question import Question
 from service.contract.status import DataLevel
 from service.errors import StorageFault
 from service.operation import state_catalogue as states
-from service.operation.log_catalogue import LINES
 from service.operation.metric_catalogue import METRICS
 from service.runtime.worker_figures import CAUSES
 from service.stream import inbox, left_out, order
@@ -28,12 +26,6 @@ from service.stream.faults import GRADES
 ROOT = Path(__file__).parents[2]
 TABLES = [table for name, table in vars(states).items() if name.isupper()]
 RULES = ROOT / "docker" / "prometheus" / "rules.yml"
-
-
-@pytest.mark.slow
-def test_every_log_line_of_the_service_is_in_the_catalogue_and_no_other_is():
-    written = {(call.place, call.text) for call in log_calls()}
-    assert written == {(line.place, line.text) for line in LINES} and len(LINES) == len(written)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +107,6 @@ def test_everything_says_what_it_means_in_one_line():
     assert len(TABLES) == 7
     for name, entry in (item for table in TABLES for item in table.items()):
         assert entry.meaning and "\n" not in entry.meaning, name
-    assert all(line.meaning and line.action for line in LINES)
     assert all(entry.meaning for entry in METRICS.values())
 
 
