@@ -1,27 +1,22 @@
-"""States of version 1 from tests/data/store_v1.sqlite.gz, by asset."""
+"""States of four assets from tests/data/states.json.gz, as services have kept them."""
 
 from __future__ import annotations
 
 import gzip
 import json
-import sqlite3
 from functools import cache
 from pathlib import Path
 
-FILE = Path(__file__).parent / "data" / "store_v1.sqlite.gz"
+from twin.state import State
+
+FILE = Path(__file__).parent / "data" / "states.json.gz"
 
 
 @cache
-def _states() -> dict[str, str]:
-    data = bytearray(gzip.decompress(FILE.read_bytes()))
-    data[18:20] = b"\x01\x01"  # a database in memory has no write-ahead log
-    db = sqlite3.connect(":memory:")
-    db.deserialize(bytes(data))
-    with_state = db.execute("SELECT asset, state FROM assets").fetchall()
-    db.close()
-    return dict(with_state)
+def _states() -> dict[str, dict]:
+    return json.loads(gzip.decompress(FILE.read_bytes()))
 
 
-def state_v1(asset: str) -> dict:
-    """The state of one asset as version 1 kept it: `unsw-short`, `unsw-rig`, `bench` or `two-encoders`."""
-    return json.loads(_states()[asset])
+def stored_state(asset: str) -> State:
+    """The state of one asset: `unsw-short`, `unsw-rig`, `bench` or `two-encoders`."""
+    return State.from_dict(_states()[asset])

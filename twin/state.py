@@ -2,7 +2,7 @@
 
     state.to_dict()["schema_version"] == SCHEMA_VERSION;   State.from_dict(state.to_dict()) == state
 
-A state of version 1 is migrated (`state_v1.py`); one of any other version is refused with a sentence.
+A state of another version is refused with a sentence.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ from twin.held_level import HeldLevel
 from twin.level_record import Levels
 from twin.revolution_count import CountOffset
 from twin.serial import from_plain, to_plain
-from twin.state_v1 import migrated_state
 from twin.tracing.state import Tracing
 from twin.updating.inspections import Inspection
 from twin.updating.memory import Memory
@@ -129,40 +128,30 @@ class State:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> State:
-        """The state from what `to_dict` gave, in this version or version 1; ParameterError for any other."""
+        """The state from what `to_dict` gave, in this version; ParameterError for any other."""
         if not isinstance(data, Mapping):
             raise ParameterError(f"a state of the twin is a mapping with a schema_version, not {data!r:.60}")
-        version = data.get("schema_version", 1)
-        if version == 1:
-            data = migrated_state(data)
-        elif version != SCHEMA_VERSION:
+        version = data.get("schema_version")
+        if version != SCHEMA_VERSION:
             raise ParameterError(
-                f"the state has schema version {version!r}, this program knows up to {SCHEMA_VERSION}: "
-                "it was written by a newer gear-twin, or is not a state of the twin"
+                f"the state has schema version {version!r}, this program reads {SCHEMA_VERSION}: "
+                "it was written by another gear-twin, or is not a state of the twin"
             )
         return cls(
             windows_seen=int(data["windows_seen"]),
             recent=from_plain(tuple[WindowResidual, ...], data["recent"]),
-            latest=from_plain(LatestParts, _with_limits(data["latest"])),
+            latest=from_plain(LatestParts, data["latest"]),
             levels=from_plain(Mapping[str, LevelReading], data["levels"]),
-            residual_records=from_plain(Records, data.get("residual_records", ())),
+            residual_records=from_plain(Records, data["residual_records"]),
             tracing=Tracing.from_dict(data["tracing"]),
-            fallen=from_plain(FallenCount | None, data.get("fallen")),
-            inspections=from_plain(tuple[Inspection, ...], data.get("inspections", ())),
-            running=from_plain(Marks, data.get("running", ())),
-            count=from_plain(CountOffset, data.get("count", {})),
-            counted=data.get("counted", 0.0),
-            outdated=dict(data.get("outdated", {})),
-            history=from_plain(History, data.get("history", {})),
-            rhythm=from_plain(Rhythm, data.get("rhythm", {})),
-            learned_levels=from_plain(Levels, data.get("learned_levels", ())),
-            held=from_plain(HeldLevel, data.get("held", {})),
+            fallen=from_plain(FallenCount | None, data["fallen"]),
+            inspections=from_plain(tuple[Inspection, ...], data["inspections"]),
+            running=from_plain(Marks, data["running"]),
+            count=from_plain(CountOffset, data["count"]),
+            counted=data["counted"],
+            outdated=dict(data["outdated"]),
+            history=from_plain(History, data["history"]),
+            rhythm=from_plain(Rhythm, data["rhythm"]),
+            learned_levels=from_plain(Levels, data["learned_levels"]),
+            held=from_plain(HeldLevel, data["held"]),
         )
-
-
-def _with_limits(latest: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The latest parts without the one limit for all machines that stood beside a verdict once."""
-    rest = latest.get("unexplained")
-    if not isinstance(rest, Mapping) or "limit" not in rest:
-        return latest
-    return {**latest, "unexplained": {key: value for key, value in rest.items() if key != "limit"}}

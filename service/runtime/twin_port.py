@@ -116,12 +116,13 @@ def guarded(twin: Twin, passed: tuple[type[Exception], ...] = ()) -> Twin:
 
     passed  errors that whoever calls looks after
     """
+    through: tuple[type[Exception], ...] = (TwinError, PartRefused, *passed)
 
     def barrier(call: Callable[..., tuple[Any, Any]]) -> Callable[..., tuple[Any, Any]]:
         def called(*given: Any) -> tuple[Any, Any]:
             try:
                 return call(*given)
-            except (TwinError, PartRefused, *passed):
+            except through:
                 raise
             except Exception as error:
                 log.exception("a window or decision was refused because of an internal error")

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from tests.mesh_pairs import UNSW_RIG
-from tests.stored_states import state_v1
+from tests.stored_states import stored_state
 from twin.assessment import HealthyErrors, HeldOutErrors
 from twin.errors import NotAvailable, NotConverged
 from twin.rig import Rig
-from twin.state import State
 from twin.tracing import attribution_loop, earned
 from twin.tracing.context import TracingContext
 from twin.tracing.earned import refused, with_errors
@@ -27,7 +26,7 @@ OPTIONS = UpdateOptions(threshold=0.05, update="fused", update_until=float("inf"
 
 @pytest.fixture
 def tracing():
-    return State.from_dict(state_v1("unsw-rig")).tracing
+    return stored_state("unsw-rig").tracing
 
 
 def comparison(window, left):

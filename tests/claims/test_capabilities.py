@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.stored_states import state_v1
+from tests.stored_states import stored_state
 from tests.unit.test_step import minimal_rig, recorded
 from twin.assessment import LevelReading, Residual, Wear
 from twin.capabilities import CAPABILITIES, modelled
@@ -16,7 +16,7 @@ from twin.state import State
 from twin.step import step
 from twin.updating.history import WindowInput
 
-STATE = State.from_dict(state_v1("unsw-short"))
+STATE = stored_state("unsw-short")
 
 
 def context(rig, window, state=STATE, **options):

@@ -11,9 +11,8 @@ import pytest
 from tests.claims.test_earned import RIG, Numbered, effect, errors
 from tests.held_out_windows import MESH, lines, window
 from tests.mesh_pairs import UNSW_RIG
-from tests.stored_states import state_v1
+from tests.stored_states import stored_state
 from twin.rig import Rig
-from twin.state import State
 from twin.tracing.earned import _windows, asked_again, implausible, judged, refusal_of
 from twin.tracing.joining import with_rivals
 from twin.tracing.state import EffectErrors, Tracing
@@ -153,7 +152,7 @@ def test_effect_refused_from_the_start_is_asked_again_where_it_begins_late(name,
 @pytest.mark.parametrize("name", ["torque_ripple", "profile_error", "gear_eccentricity"])
 @pytest.mark.parametrize("fitted", [(), (0, 1, 3, 4)])
 def test_only_windows_since_its_onset_judge_an_effect(name, fitted):
-    tracing = State.from_dict(state_v1("unsw-rig")).tracing
+    tracing = stored_state("unsw-rig").tracing
     turns = {w.index: w.features.revolutions for w in tracing.history}
     onset = sorted(turns.values())[len(turns) // 2]
     late, always = (

@@ -5,11 +5,10 @@ from dataclasses import replace
 import pytest
 
 from tests.mesh_pairs import UNSW_RIG
-from tests.stored_states import state_v1
+from tests.stored_states import stored_state
 from twin.features.channel_lines import LineReading
 from twin.features.non_gear import NonGearFeatures
 from twin.rig import Rig
-from twin.state import State
 from twin.updating.conditions import swing_of
 from twin.updating.history import UpdateOptions, update_window
 from twin.updating.memory import Memory
@@ -38,7 +37,7 @@ def test_small_swing_an_unknown_torque_and_a_window_that_was_not_examined_say_no
 
 def test_window_with_a_swing_calibrates_nothing():
     """Stiffness was calibrated to 1.32 and damping to 4.5 × by such windows."""
-    window = State.from_dict(state_v1("unsw-rig")).tracing.history[0]
+    window = stored_state("unsw-rig").tracing.history[0]
     steady = update_window(RIG, Memory(), window, OPTIONS)
     swinging = update_window(
         RIG, Memory(), replace(window, torque_fault=swing_of(beside(31.0), window.features.torque_nm)), OPTIONS

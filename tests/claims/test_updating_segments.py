@@ -15,7 +15,6 @@ from tests.updating_cases import TEN, curve, model, seen
 from twin.model import Condition
 from twin.updating.history import UpdateOptions, WindowInput, update_window
 from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
-from twin.updating.migration import migrate_memory_v1
 from twin.updating.model_cache import curve_of, profile_of, with_profiles
 from twin.updating.tracker import WearTrack
 from twin.wear.curve import MasterCurve
@@ -74,14 +73,6 @@ def test_a_stored_profile_comes_back_to_the_bit():
     again = StoredProfile.from_dict(json.loads(json.dumps(stored.to_dict())))
     assert again == stored and hash(again) == hash(stored)
     assert np.array_equal(again.on(model().unworn).depth, profile.depth)
-
-
-def test_segments_of_version_1_open_after_migration():
-    data = Memory(segments=chain(2).segments).to_dict()
-    data["paper"] = data.pop("rms_track")
-    for segment in data["segments"]:
-        del segment["start_profile"]
-    assert Memory.from_dict(migrate_memory_v1(data)).segments == chain(2).segments
 
 
 def test_the_flanks_before_the_segments_that_are_kept_are_as_deep_as_they_were():

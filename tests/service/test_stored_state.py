@@ -1,102 +1,23 @@
-"""What a service finds at its start: states of an earlier version, and rig files that have changed since."""
+"""What a service finds at its start: states that cannot be read, and rig files that have changed since."""
 
 from __future__ import annotations
 
 import copy
-import gzip
-import json
-import sqlite3
 import tomllib
-from pathlib import Path
 
 import pytest
 from service_streams import RIG, Sink
 
-from service.results.board import Board
-from service.results.migrate import user_version
-from service.results.schema import REVISION
-from service.results.sql_store import SqlStore
 from service.runtime.lane import Entry
 from service.runtime.pipeline import Pipeline
 from service.runtime.rigs import GivenRigs, Rigs, rig_change
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker import restore
-from service.stream.sources.mcap import Recording
+from service.stream.assembly import Assembler
+from tests.stored_states import stored_state
 from twin.options import Options
 from twin.rig import Rig
 from twin.windows import Window
-
-ROOT = Path(__file__).parents[2]
-STORED = ROOT / "tests" / "data" / "store_v1.sqlite.gz"
-SHORT = ROOT / "recordings" / "short-campaign.mcap"
-ASSETS = ("bench", "two-encoders", "unsw-rig", "unsw-short")
-
-
-@pytest.fixture
-def path(tmp_path):
-    out = tmp_path / "gear-twin.sqlite"
-    out.write_bytes(gzip.decompress(STORED.read_bytes()))
-    return out
-
-
-@pytest.fixture
-def old(path):
-    with SqlStore(path) as store:
-        yield store
-
-
-def test_store_of_version_1_opens_with_all_its_windows_counted(old):
-    assert old.assets() == ASSETS
-    assert [old.asset(a).windows for a in ASSETS] == [1, 1, 8, 6]
-    with sqlite3.connect(old.path) as peek:
-        assert peek.execute("PRAGMA user_version").fetchone() == (user_version(REVISION),)
-    peek.close()
-    for asset in ASSETS:
-        windows = old.windows(asset)
-        assert [w.record["index"] for w in windows] == list(range(len(windows)))
-        assert old.asset(asset).updates == sum(bool(w.record["updated"]) for w in windows)
-        counted = sum(f["count"] for w in windows for f in w.record["faults"])
-        assert sum(count for count, _ in old.asset(asset).fault_totals.values()) == counted
-    board = Board.from_store(old)
-    whole = board.get("unsw-rig").whole
-    assert whole["windows_total"] == 8 and whole["status"]["level"] == "no_verdict"
-    assert "earlier version" in whole["status"]["reasons"][0]
-    assert set(whole["wear"]["methods"]) == {"fused", "rms"} and whole["wear"]["method"]
-    assert "indistinguishable_from" in whole["effects"][0]["evidence"]
-    assert not {"not_told_from", "ways", "depth_from", "strange"} & set(_keys(whole))
-
-
-def _keys(value):
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield key
-            yield from _keys(item)
-    elif isinstance(value, list):
-        for item in value:
-            yield from _keys(item)
-
-
-@pytest.mark.slow
-def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
-    """The store has six of the eight windows of the short campaign; replayed whole, two more are processed."""
-    outcomes = []
-    twin = gear_twin(Options(trace=False))
-
-    def rig_of(asset):
-        return Rig.from_mapping(old.asset(asset).rig or {})
-
-    pipeline = Pipeline(rig_of, twin, Sink(outcomes))
-    restore(pipeline.lanes, old)
-    assert pipeline.assets == list(ASSETS)
-    with Recording(SHORT) as recording:
-        for frame in recording.frames(lambda channel, error: None):
-            object.__setattr__(frame, "channel", frame.channel._replace(asset="unsw-short"))
-            pipeline.feed(frame)
-    pipeline.flush("unsw-short")
-    assert [o.index for o in outcomes] == [6, 7]
-    depths = [w.record["wear_depth_um"] for w in old.windows("unsw-short")]
-    assert outcomes[0].record["wear_depth_um"] > depths[-1] > 0
-    json.dumps(outcomes[-1].state.to_dict(), allow_nan=False)
 
 
 @pytest.mark.parametrize(
@@ -104,20 +25,24 @@ def test_states_of_version_1_are_restored_and_the_next_windows_follow(old):
     [
         ({"schema_version": 99}, "by another version of gear-twin; use that version, or another --data directory"),
         ("not a state", "it is damaged, or this is an internal error; restore a backup, or report it"),
-        ({"memory": []}, "it is damaged, or this is an internal error; restore a backup, or report it"),
+        ({"schema_version": 2}, "it is damaged, or this is an internal error; restore a backup, or report it"),
     ],
 )
-def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(path, harm, cure, caplog):
-    with sqlite3.connect(path) as edit:
-        edit.execute("UPDATE assets SET state = ? WHERE asset = 'bench'", (json.dumps(harm),))
-    edit.close()
+def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(store, harm, cure, caplog):
     outcomes = []
-    with SqlStore(path) as store:
-        pipeline = Pipeline(lambda asset: Rig.from_mapping({}), gear_twin(Options(trace=False)), Sink(outcomes))
-        restore(pipeline.lanes, store)
-        for asset in ("bench", "unsw-rig"):
-            entry = Entry(start_ns=0, window=Window(start_time_ns=0))
-            pipeline.lanes.put(asset, entry, store.asset(asset).assembly)
+    for asset, state in (("bench", harm), ("unsw-rig", stored_state("unsw-rig").to_dict())):
+        given = {
+            "report": {},
+            "assembly": Assembler().to_dict(),
+            "quality": {"windows": {}, "faults": []},
+            "received_ns": 1,
+        }
+        store.commit(asset, 1, record={"index": 0}, state=state, **given)
+    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), gear_twin(Options(trace=False)), Sink(outcomes))
+    restore(pipeline.lanes, store)
+    for asset in ("bench", "unsw-rig"):
+        entry = Entry(start_ns=0, window=Window(start_time_ns=0))
+        pipeline.lanes.put(asset, entry, store.asset(asset).assembly)
     (said,) = [r.message for r in caplog.records]
     assert "stored state of bench cannot be read" in said and said.endswith(cure)
     assert [o.asset for o in outcomes] == ["unsw-rig"] and pipeline.lanes.backlog("bench") == 1

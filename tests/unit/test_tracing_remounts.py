@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from tests.mesh_pairs import UNSW_RIG
-from tests.stored_states import state_v1
+from tests.stored_states import stored_state
 from twin.errors import NotAvailable
 from twin.rig import Rig
-from twin.state import State
 from twin.tracing import remounts
 from twin.tracing.remounts import trace_over_remounts
 
@@ -20,7 +19,7 @@ EARLY, LATE, SINCE = -1.0, -3.0, 4_000_000_000
 @pytest.fixture
 def turned(monkeypatch):
     """A machine whose memory says that the pinion's disc has turned, and the misfit that each attempt leaves."""
-    tracing = replace(State.from_dict(state_v1("unsw-rig")).tracing, phase=EARLY, turns=())
+    tracing = replace(stored_state("unsw-rig").tracing, phase=EARLY, turns=())
     memory = replace(tracing.memory, phase=LATE, discs_since_ns=SINCE)
 
     def attempts(misfit):

@@ -140,12 +140,12 @@ class NonGearFeatures:
             kurtosis=data["kurtosis"],
             rates=tuple(tuple(r) for r in data["rates"]),
             swelling=tuple((name, depth) for name, depth in data["swelling"]),
-            fault=data.get("fault", ""),
-            ringing=data.get("ringing"),
-            readings=from_plain(tuple[LineReading, ...], data.get("readings", ())),
-            turns=tuple(tuple(shaft) for shaft in data.get("turns", ())),
-            shafts=tuple(tuple(line) for line in data.get("shafts", ())),
-            locks=tuple(tuple(line) for line in data.get("locks", ())),
+            fault=data["fault"],
+            ringing=data["ringing"],
+            readings=from_plain(tuple[LineReading, ...], data["readings"]),
+            turns=tuple(tuple(shaft) for shaft in data["turns"]),
+            shafts=tuple(tuple(line) for line in data["shafts"]),
+            locks=tuple(tuple(line) for line in data["locks"]),
         )
 
     def as_tones(self) -> tuple[Tone, ...]:

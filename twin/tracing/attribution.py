@@ -101,12 +101,11 @@ class AttributedEffect:
             alike=tuple(data["alike"]),
             detail=data["detail"],
             numbers=tuple(data["numbers"]),
-            onset_std=data.get("onset_std"),
-            chance=data.get("chance"),
-            fitted=tuple(data.get("fitted", ())),
-            change_std=None if data.get("change_std") is None else tuple(data["change_std"]),
+            onset_std=data["onset_std"],
+            chance=data["chance"],
+            fitted=tuple(data["fitted"]),
+            change_std=None if data["change_std"] is None else tuple(data["change_std"]),
             earlier=tuple(
-                Numbers(addition=Addition.from_dict(n["addition"]), fitted=tuple(n["fitted"]))
-                for n in data.get("earlier", ())
+                Numbers(addition=Addition.from_dict(n["addition"]), fitted=tuple(n["fitted"])) for n in data["earlier"]
             ),
         )

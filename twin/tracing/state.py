@@ -178,14 +178,11 @@ class Tracing:
     def from_dict(cls, data: Mapping[str, Any]) -> Tracing:
         if not data:
             return cls()
-        fitted = data.get("latest", {}).get("fitted", ())  # of effects that earlier versions stored without their own
-        refuted = {name: r for name, r in data.get("refuted", {}).items() if isinstance(r, Mapping)}
-        data = {**data, "refuted": refuted, "found": [{"fitted": fitted, **f} for f in data["found"]]}
         return cls(
             history=tuple(WindowInput.from_dict(t) for t in data["history"]),
-            start=None if data.get("start") is None else Memory.from_dict(data["start"]),
-            started=data.get("started", 0),
-            widened=tuple(data.get("widened", ())),
+            start=None if data["start"] is None else Memory.from_dict(data["start"]),
+            started=data["started"],
+            widened=tuple(data["widened"]),
             measured=data["measured"],
             next_search=data["next_search"],
             next_trace=data["next_trace"],
@@ -195,7 +192,7 @@ class Tracing:
             found=tuple(AttributedEffect.from_dict(f) for f in data["found"]),
             stages=tuple(TwinStage.from_dict(s) for s in data["stages"]),
             decisions=dict(data["decisions"]),
-            **{name: from_plain(kind, data[name]) for name, kind in _TYPED.items() if name in data},
+            **{name: from_plain(kind, data[name]) for name, kind in _TYPED.items()},
         )
 
 

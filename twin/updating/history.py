@@ -46,8 +46,8 @@ class WindowInput:
             index=data["index"],
             features=WindowFeatures.from_dict(data["features"]),
             level_fault=data["level_fault"],
-            torque_fault=data.get("torque_fault"),
-            torque_unknown=data.get("torque_unknown"),
+            torque_fault=data["torque_fault"],
+            torque_unknown=data["torque_unknown"],
             non_gear=None if data["non_gear"] is None else NonGearFeatures.from_dict(data["non_gear"]),
         )
 

@@ -175,7 +175,7 @@ class LineFactors:
             depth=data["depth"],
             depth_std=data["depth_std"],
             fresh=data["fresh"],
-            contradicted=data.get("contradicted", False),
+            contradicted=data["contradicted"],
         )
 
 

@@ -169,31 +169,26 @@ class Memory:
             fit=fit,
             compliance_scale=data["compliance_scale"],
             unworn=tuple(WindowFeatures.from_dict(w) for w in data["unworn"]),
-            unworn_before=data.get("unworn_before", 0),
-            zero_std=data.get("zero_std", 0.0),
+            unworn_before=data["unworn_before"],
+            zero_std=data["zero_std"],
             depth=data["depth"],
             half_width_from=data["half_width_from"],
             segments=tuple(Segment.from_dict(s) for s in data["segments"]),
-            prior=RatePrior(**data["prior"]) if data.get("prior") else None,
+            prior=RatePrior(**data["prior"]) if data["prior"] else None,
             track=WearTrack.from_dict(data["track"]),
             rms_track=RmsTrack.from_dict(data["rms_track"]),
             phase=data["phase"],
             phase_std=data["phase_std"],
             discs_since_ns=data["discs_since_ns"],
             offset=None if data["offset"] is None else MeanOffset(**data["offset"]),
-            line_factors=_line_factors(data.get("line_factors")),
+            line_factors=None if data["line_factors"] is None else LineFactors.from_dict(data["line_factors"]),
             path=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["path"]),
             mesh=tuple((j, f, complex(re, im), σ) for j, f, re, im, σ in data["mesh"]),
             updates=data["updates"],
-            points=tuple(WearPoint(**p) for p in data.get("points", ())),
-            rms_points=tuple(WearPoint(**p) for p in data.get("rms_points", ())),
+            points=tuple(WearPoint(**p) for p in data["points"]),
+            rms_points=tuple(WearPoint(**p) for p in data["rms_points"]),
             effects=tuple(Addition.from_dict(a) for a in data["effects"]),
         )
-
-
-def _line_factors(data: Mapping[str, Any] | None) -> LineFactors | None:
-    """None also in a memory that was stored before there were any."""
-    return None if data is None else LineFactors.from_dict(data)
 
 
 def with_lines(learned: tuple[Line, ...], new: list[Line]) -> tuple[Line, ...]:
