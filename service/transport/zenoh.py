@@ -62,9 +62,17 @@ def open_zenoh(
     prefix: str = PREFIX,
     wait: float | None = None,
     links: ZenohLinks = NONE,
+    answers_alone: bool = False,
 ) -> Iterator[ZenohTransport]:
-    """The service's connection: a router at `listen`, or a client of `connect`; `links` says how it is protected."""
-    with open_session(listen, connect, wait, links) as session, ZenohTransport(session, prefix, connect) as transport:
+    """The service's connection: a router at `listen`, or a client of `connect`; `links` says how it is protected.
+
+    answers_alone  whether the router lets nobody else publish results and positions, and answer questions of them
+    """
+    alone = f"{prefix}/*/twin/**" if answers_alone else None
+    with (
+        open_session(listen, connect, wait, links, alone) as session,
+        ZenohTransport(session, prefix, connect) as transport,
+    ):
         yield transport
 
 
