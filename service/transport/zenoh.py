@@ -363,7 +363,13 @@ class ZenohPublisher:
         """What those who store the stream say of its position within a time [s]; `sending`: frames follow."""
         key = position_topic(stream, self._prefix)
         selector = f"{key}?{SENDING}={self._session.zid()}" if sending else key
-        replies = self._session.get(selector, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK)
+        replies = self._session.get(
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,  # else the newest answer of a key is the only one
+            timeout=seconds,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
         return (reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None)
 
     def _note_matching(self, status: zenoh.MatchingStatus) -> None:
