@@ -31,6 +31,7 @@ from service.bridges.slow_inputs import SlowInputs
 from service.contract.base import iso_time
 from service.contract.plant import plant_alarm_change, plant_alarms, plant_result, plant_service
 from service.errors import InputError
+from service.printable import all_printable
 from service.results.board import Board, Snapshot
 from service.results.store import ResultStore
 from service.settings import Settings
@@ -353,7 +354,7 @@ def _wait_published(message: paho.MQTTMessageInfo, seconds: float) -> None:
 
 
 def _text(payload: Mapping[str, Any]) -> str:
-    return json.dumps(payload, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return json.dumps(all_printable(payload), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def _digest(payload: Mapping[str, Any]) -> bytes:

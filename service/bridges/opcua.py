@@ -28,6 +28,7 @@ from service.bridges.readings import UNITS, VARIABLES, Kind, Quality, Reading, V
 from service.contract.base import iso_time
 from service.contract.plant import plant_result
 from service.errors import InputError
+from service.printable import all_printable, printable
 from service.results.asset_changes import AssetChanges
 from service.results.board import Board, Snapshot
 from service.settings import Settings
@@ -48,6 +49,7 @@ except ImportError:
 NAMESPACE = "urn:gear-twin:results:1"
 APPLICATION = "urn:gear-twin"
 FOLDER = "gear-twin"
+FOLDER_ID = "/"  # which no asset is called
 LARGEST_MESSAGE = 4 * 2**20  # [bytes]
 UNECE = "http://www.opcfoundation.org/UA/units/un/cefact"
 SEVERITY_OF = {"alarm": 800, "watch": 500}  # of events, 1 … 1000
@@ -205,7 +207,7 @@ class _Space:
 
     async def begin(self) -> None:
         """The folder of all assets, and the events of alarms."""
-        self._folder = await self._server.nodes.objects.add_folder(self._id(FOLDER), self._name(FOLDER))
+        self._folder = await self._server.nodes.objects.add_folder(self._id(FOLDER_ID), self._name(FOLDER))
         self._events = await self._server.get_event_generator()
 
     async def show(self, snapshot: Snapshot) -> int:
@@ -284,7 +286,7 @@ class _Space:
     async def _event(self, asset: str, message: str, severity: int) -> None:
         self._events.event.SourceName, self._events.event.SourceNode = asset, self._id(asset)
         self._events.event.Severity = severity
-        await self._events.trigger(message=message)
+        await self._events.trigger(message=printable(message))
 
     def _id(self, name: str) -> ua.NodeId:
         identifier: Any = name
@@ -296,7 +298,7 @@ class _Space:
 
 def data_value(variable: Variable, reading: Reading, now: datetime) -> ua.DataValue:
     """A reading as OPC UA has it: value, status code, time of the source and of the server."""
-    value = reading.value
+    value = all_printable(reading.value)
     if value is None:
         variant = ua.Variant(None, ua.VariantType.Null)
     else:

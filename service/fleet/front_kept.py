@@ -25,7 +25,7 @@ from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
 from service.results.schema import ALARMS, ROUTES, WEBHOOK_OUTBOX
-from service.results.signal_reading import KeptFile, KeptSignals, folder_of, found_in
+from service.results.signal_reading import KeptFile, KeptSignals, folder_in, found_in
 
 AUDIT_LOCK = 7_219_434  # of whoever adds an entry; other numbers are in `layout`, `claims` and `migrate`
 NAMING = {"renamed", "other_machine"}  # changes that give an asset a name
@@ -161,4 +161,4 @@ class FleetSignals(KeptSignals):
         self._places, self._data = store.places, data
 
     def files(self, asset: str) -> Mapping[int, KeptFile]:
-        return found_in(self._data / schema_of(self._places.partition_of(asset)) / SIGNALS / folder_of(asset))
+        return found_in(folder_in(self._data / schema_of(self._places.partition_of(asset)) / SIGNALS, asset))

@@ -8,6 +8,10 @@ export class Problem extends Error {
   }
 }
 
+// JSON whose texts hold nothing that steers, or reverses the text next to it, as `service/printable.py`; lines stay.
+export const parsed = (text) => JSON.parse(text, (_, value) =>
+  typeof value === "string" ? value.replace(/(?![\n\t\u200c\u200d])[\p{C}\p{Zl}\p{Zp}]/gu, "?") : value);
+
 const UNREACHABLE = "The service does not answer. Check that it is running and that this computer can reach it.";
 
 async function answerOf(path, given) {
@@ -22,7 +26,7 @@ async function answerOf(path, given) {
   const text = await answer.text();
   let body = null;
   try {
-    body = text ? JSON.parse(text) : null;
+    body = text ? parsed(text) : null;
   } catch {
     throw new Problem(answer.status, `The service gave no readable answer (status ${answer.status}).`);
   }

@@ -1,6 +1,6 @@
 // One asset as this page knows it: loaded once, then only what an event says has changed.
 
-import { get, pathOf } from "./api.js";
+import { get, parsed, pathOf } from "./api.js";
 
 const SETTLE_MS = 200; // events come in bursts; one request answers all of a burst
 const POINTS = 600; // of the history that is drawn, at the start
@@ -56,7 +56,7 @@ export class Machine extends EventTarget {
         }
       };
       for (const kind of KINDS) {
-        this.source.addEventListener(kind, (event) => this.happened(kind, JSON.parse(event.data)));
+        this.source.addEventListener(kind, (event) => this.happened(kind, parsed(event.data)));
       }
     };
     const stop = () => {

@@ -18,6 +18,7 @@ from service.alarms.engine import Change
 from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency, state_of
 from service.json_text import plain
+from service.printable import all_printable
 from service.results.json_columns import dump, salvage
 from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, WEBHOOK_OUTBOX
 from service.results.store import Tables
@@ -203,7 +204,7 @@ class AlarmStore:
         """Keeps a message until it has been delivered; its id stays the same however often it is sent."""
         name = str(uuid.uuid4())
         with self._database.transaction() as db:
-            body = json.dumps(plain({"id": name, **message}), allow_nan=False, separators=(",", ":"))
+            body = json.dumps(all_printable(plain({"id": name, **message})), allow_nan=False, separators=(",", ":"))
             row = {"name": name, "url": url, "body": body, "created_ns": now_ns, "next_ns": now_ns}
             self._database.add(db, WEBHOOK_OUTBOX, row)
 

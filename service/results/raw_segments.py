@@ -21,7 +21,7 @@ from service.results.asset_list import area_of
 from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawRecordings, recordings_in
 from service.results.scratch import scratch
-from service.results.signal_store import folder_of
+from service.results.signal_reading import folder_of
 from service.results.stored_recordings import moment_of
 from service.settings import HOUR, Settings
 from service.stream.sources.mcap import Recording

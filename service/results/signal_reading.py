@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from twin.windows import Window
 
 MARKS = {"k": {}, "f": {"found": True}, "x": {"refused": True}}
 NAME = re.compile(r"(\d+)_(-?\d+)_([^_]+)_([kfx])\.npz")
+APART = re.compile(r"~((?:[0-9a-f]{2})+)")  # a folder's name that every file system keeps apart from others
 MOST_NAMED = 12  # numbers that a message lists
 
 KeptFile = tuple[KeptWindow, Path]
@@ -86,3 +88,32 @@ def entry_of(path: Path, size: int) -> KeptWindow | None:
 def folder_of(asset: str) -> str:
     """The asset's name, but for the two that a file system keeps for itself; `~` is not allowed in a name."""
     return f"~{asset}" if asset in (".", "..") else asset
+
+
+def folder_in(parent: Path, asset: str, *, make: bool = False) -> Path:
+    """The folder of an asset. Where the file system gives its name to another asset (`Press` and `press`) or to none
+    (`CON`, `x.`), as shares of Windows do, it is that of the name's bytes in digits.
+
+    make  whether it is made where there is none
+    """
+    own, apart = parent / folder_of(asset), parent / f"~{asset.encode().hex()}"
+    if (found := _there(parent, own, apart)) is not None or not make:
+        return found or apart
+    with suppress(OSError):
+        own.mkdir()
+    if _there(parent, own) is None:
+        apart.mkdir(exist_ok=True)
+        return apart
+    return own
+
+
+def _there(parent: Path, *folders: Path) -> Path | None:
+    """The first folder that is listed: a folder of another name may say that it is there, too."""
+    names = os.listdir(parent) if parent.is_dir() else ()
+    return next((folder for folder in folders if folder.name in names), None)
+
+
+def asset_of_folder(folder: str) -> str:
+    """The asset of a folder's name."""
+    apart = APART.fullmatch(folder)
+    return bytes.fromhex(apart[1]).decode(errors="replace") if apart else folder.removeprefix("~")

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from service.errors import StoreError
-from service.results.signal_reading import KeptFile, KeptSignals, entry_of, folder_of
+from service.results.signal_reading import KeptFile, KeptSignals, asset_of_folder, entry_of, folder_in
 from service.results.signal_thinning import KeptWindow, given_up
 from service.results.window_file import SUFFIX, UNFINISHED, write_window
 from twin.windows import Window
@@ -38,7 +38,7 @@ class SignalStore(KeptSignals):
                 if path.is_file():
                     path.unlink(missing_ok=True)
             for asset in sorted(p for p in self.folder.iterdir() if p.is_dir()):
-                self._kept[_asset_of(asset.name)] = _opened(asset)
+                self._kept[asset_of_folder(asset.name)] = _opened(asset)
         except OSError as error:
             raise StoreError(f"{self.folder} cannot hold raw signals: {error.strerror or error}") from error
 
@@ -78,13 +78,14 @@ class SignalStore(KeptSignals):
         """Moves the file of a window to those of its asset, whatever that is called by now."""
         with self._lock:
             asset = self._names.get(asset, asset)
-            folder = self.folder / folder_of(asset)
+            of_asset = self._kept.setdefault(asset, {})
+            beside = next((path.parent for _, path in of_asset.values()), None)
+            folder = beside or folder_in(self.folder, asset, make=True)
             folder.mkdir(exist_ok=True)
             path = folder / name
             file.replace(path)
             kept = entry_of(path, size)
             assert kept is not None
-            of_asset = self._kept.setdefault(asset, {})
             before = of_asset.get(kept.number)
             of_asset[kept.number] = kept, path
             dropped = [of_asset.pop(w.number)[1] for w in given_up([w for w, _ in of_asset.values()], self.limit)]
@@ -98,8 +99,9 @@ class SignalStore(KeptSignals):
         with self._lock:
             self._names = {former: name if now == asset else now for former, now in self._names.items()}
             self._names[asset] = name
-            old, new = self.folder / folder_of(asset), self.folder / folder_of(name)
+            old = folder_in(self.folder, asset)
             if old.is_dir():
+                new = folder_in(self.folder, name, make=True)
                 _move(old, new)
                 self._kept.pop(asset, None)
                 self._kept[name] = _opened(new)
@@ -119,10 +121,7 @@ class SignalStore(KeptSignals):
 
 
 def _move(old: Path, new: Path) -> None:
-    """Moves a folder; into one that is there, file by file: of two files of the same name, the newer is kept."""
-    if not new.is_dir():
-        old.replace(new)
-        return
+    """Moves a folder's files into another: of two files of the same name, the newer is kept."""
     for path in old.iterdir():
         other = new / path.name
         if other.exists() and other.stat().st_mtime_ns > path.stat().st_mtime_ns:
@@ -149,7 +148,3 @@ def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:
             entry = entry_of(path, path.stat().st_size) or entry
         found[entry.number] = entry, path
     return found
-
-
-def _asset_of(folder: str) -> str:
-    return folder.removeprefix("~")

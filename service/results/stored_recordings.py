@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 from service.errors import InputError, StoreError
 from service.results.object_store import ObjectStore, is_url
 from service.results.scratch import scratch
+from service.results.signal_reading import asset_of_folder
 from service.stream.frames import NS
 
 SUFFIX = ".mcap"
@@ -138,7 +139,7 @@ def _grouped(root: str, listed: list[tuple[str, Part]]) -> list[StoredRecording]
     segments: dict[str, list[tuple[tuple[int, int], Part]]] = {}
     for name, part in sorted(listed):
         folder, _, file = name.rpartition("/")
-        asset = (folder or root).rpartition("/")[2].removeprefix("~")
+        asset = asset_of_folder((folder or root).rpartition("/")[2])
         moment = moment_of(file, asset)
         if moment is None:
             alone.append(_single(name, part))

@@ -97,4 +97,6 @@ def zenoh_of(settings: Settings) -> OpenTransport:
     from service.transport.zenoh import open_zenoh
 
     links = settings.zenoh_links
-    return partial(open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT, links)
+    return partial(
+        open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT, links, answers_alone=True
+    )

@@ -62,9 +62,17 @@ def open_zenoh(
     prefix: str = PREFIX,
     wait: float | None = None,
     links: ZenohLinks = NONE,
+    answers_alone: bool = False,
 ) -> Iterator[ZenohTransport]:
-    """The service's connection: a router at `listen`, or a client of `connect`; `links` says how it is protected."""
-    with open_session(listen, connect, wait, links) as session, ZenohTransport(session, prefix, connect) as transport:
+    """The service's connection: a router at `listen`, or a client of `connect`; `links` says how it is protected.
+
+    answers_alone  whether the router lets nobody else publish results and positions, and answer questions of them
+    """
+    alone = f"{prefix}/*/twin/**" if answers_alone else None
+    with (
+        open_session(listen, connect, wait, links, alone) as session,
+        ZenohTransport(session, prefix, connect) as transport,
+    ):
         yield transport
 
 
@@ -355,7 +363,13 @@ class ZenohPublisher:
         """What those who store the stream say of its position within a time [s]; `sending`: frames follow."""
         key = position_topic(stream, self._prefix)
         selector = f"{key}?{SENDING}={self._session.zid()}" if sending else key
-        replies = self._session.get(selector, timeout=seconds, congestion_control=zenoh.CongestionControl.BLOCK)
+        replies = self._session.get(
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,  # else the newest answer of a key is the only one
+            timeout=seconds,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
         return (reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None)
 
     def _note_matching(self, status: zenoh.MatchingStatus) -> None:

@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
@@ -21,10 +22,20 @@ _WAIT_BEFORE_CLOSE_US = (
 )
 
 
+_ANSWERS = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
+
+
 def session_config(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None, links: ZenohLinks = NONE
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    wait: float | None = None,
+    links: ZenohLinks = NONE,
+    alone: str | None = None,
 ) -> zenoh.Config:
-    """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`."""
+    """A client of `connect` where given, waiting up to `wait` [s] for it, else a router at `listen`.
+
+    alone  keys on which a router without a configuration of its own lets nobody but its own session publish and answer
+    """
     if links.config is None:
         config = zenoh.Config()
         config.insert_json5("scouting/delay", "0")  # the wait for peers that scouting finds, which is off
@@ -41,9 +52,23 @@ def session_config(
         config.insert_json5("connect/retry", json.dumps(_RETRY))
     else:
         config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+        if alone is not None and links.config is None:
+            config.insert_json5("access_control", json.dumps(_refusing_answers(alone)))
     for key, value in links.options(router=not connect).items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _refusing_answers(keys: str) -> dict[str, Any]:
+    """Access control that lets in everything but answers on some keys: what comes over a link is not its session's."""
+    rule = {"id": "answers", "permission": "deny", "flows": ["ingress"], "messages": _ANSWERS, "key_exprs": [keys]}
+    return {
+        "enabled": True,
+        "default_permission": "allow",
+        "rules": [rule],
+        "subjects": [{"id": "all"}],
+        "policies": [{"rules": ["answers"], "subjects": ["all"]}],
+    }
 
 
 def _from_file(path: Path) -> zenoh.Config:
@@ -55,7 +80,11 @@ def _from_file(path: Path) -> zenoh.Config:
 
 @contextmanager
 def open_session(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), wait: float | None = None, links: ZenohLinks = NONE
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    wait: float | None = None,
+    links: ZenohLinks = NONE,
+    alone: str | None = None,
 ) -> Iterator[zenoh.Session]:
     """An open session, closed in any case: an unclosed one would hang the process at its end.
 
@@ -64,7 +93,7 @@ def open_session(
     zenoh.try_init_log_from_env()  # RUST_LOG=warn makes Zenoh say why it refuses a connection
     where = ", ".join(connect or listen)
     try:
-        config = session_config(listen, connect, wait, links)
+        config = session_config(listen, connect, wait, links, alone)
     except zenoh.ZError:
         raise InputError(f"endpoint {where} is not one; an endpoint reads like tcp/127.0.0.1:7447") from None
     try:

@@ -77,6 +77,24 @@ def store(request, tmp_path):
         yield opened
 
 
+@pytest.fixture
+def share(tmp_path, monkeypatch):
+    """A folder as shares of Windows have it: it ignores case and dots at the end of names, and has no `con`."""
+    mkdir, folder = Path.mkdir, tmp_path / "share"
+
+    def as_there(path, *given, **other):
+        if path.is_relative_to(folder) and path != folder:
+            path = path.with_name(path.name.rstrip("."))
+            if path.name.partition(".")[0].lower() == "con":
+                raise OSError("no such name")
+            path = next((p for p in path.parent.iterdir() if p.name.lower() == path.name.lower()), path)
+        mkdir(path, *given, **other)
+
+    monkeypatch.setattr(Path, "mkdir", as_there)
+    folder.mkdir()
+    return folder
+
+
 @pytest.fixture(scope="session")
 def made_fleet(postgresql_server):
     """The name of a database with a fleet whose partitions have their tables, to be copied."""

@@ -1,13 +1,25 @@
 """Names that others wrote are shown as text: they steer no terminal, close no element, end no line and no label."""
 
+import asyncio
 import io
+import json
 import logging
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import service_fakes as fakes
+from mqtt_broker import broker_at_work, reading, wait_until
 from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
+from test_alarms import WORN
+from test_health import report_of
+from test_mqtt import bridged, settings_for
+from test_opcua import asked
+from test_opcua import serving as opcua_serving
+from test_page_alarms import OK
 
+from service.alarms.keeper import AlarmKeeper
 from service.api.collector import family_of
 from service.cli import run
 from service.cli.show import say
@@ -16,6 +28,8 @@ from service.files.readers import read_table
 from service.logs import LimitedLines, formatter
 from service.operation.metric_catalogue import METRICS
 from service.printable import all_printable, printable
+from service.results.alarm_store import AlarmStore
+from service.stream.wire.topics import NAME
 
 RATE, N = 12800.0, 12800
 X = np.sin(2 * np.pi * 560 * np.arange(N) / RATE) + 0.1 * np.random.default_rng(1).normal(size=N)
@@ -104,3 +118,115 @@ def test_a_label_of_any_text_is_read_back_by_the_parser_of_prometheus(name):
     (family,) = text_string_to_metric_families(generate_latest(One()).decode())
     ((sample),) = family.samples
     assert set(sample.labels.values()) == {name} and sample.value == 3.0
+
+
+# -- the page, MQTT, OPC UA and webhooks --------------------------------------------------------------------
+
+WRITTEN = (*NAMES, "<img src=x onerror=alert(1)>", "../../etc/passwd", "+/#", "a/../b", "x" * 5000, "%0a$SYS", "]]>'--")
+ODD_ASSETS = (".", "..", "-", "CON", "x.", "gear-twin", "service", "twin", "range", "A", "a", "9" * 64)
+
+
+def written_everywhere(store, board, asset="unsw"):
+    """An asset whose texts others wrote: names, reasons, signatures and notes; its alarm."""
+    fakes.campaign(store, board, asset=asset, windows=3)
+    keeper = AlarmKeeper(AlarmStore(store.database), webhooks=["http://127.0.0.1:9/hook"])
+    of_status = {"level": "watch", "reasons": [f"reason {name}" for name in WRITTEN], "action": WRITTEN[0]}
+    report = {**fakes.traced_report(6000.0, 3), "status": {**of_status, "summary": WRITTEN[5]}}
+    report["wear"] = {**report["wear"], "preliminary": {"reasons": list(WRITTEN)}}
+    keeper.window(asset, 1_700_000_000 * 10**9, {"index": 3, "quality": "good"}, report_of(WORN), OK)
+    (raised,) = keeper.open(asset)
+    signed, _ = keeper.sign(asset, raised["id"], "acknowledged", WRITTEN[5], " ".join(WRITTEN))
+    found = {**signed, "reason": " ".join(WRITTEN), "place": WRITTEN[0], "rule": WRITTEN[5]}
+    store.note(asset, [("alarm", {"verb": "raised", "alarm": found})])
+    board.update(asset, report=report, alarms=(found,), rig={"schema": "gear-rig/1", "name": WRITTEN[5]})
+    return keeper, found
+
+
+def texts_of(value):
+    """Every text of a document, keys among them."""
+    if isinstance(value, dict):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
+        return [text for item in value for text in texts_of(item)]
+    return [value] if isinstance(value, str) else []
+
+
+def is_shown(texts):
+    """Each name is there, and none steers."""
+    whole = " ".join(texts)
+    assert not steers(whole) and "\n" not in whole and "\r" not in whole
+    assert all(printable(name) in whole for name in WRITTEN)
+
+
+@pytest.mark.slow
+def test_mqtt_has_the_topics_of_each_asset_and_texts_that_steer_nothing(tmp_path, store, board):
+    for asset in ODD_ASSETS:
+        assert NAME.fullmatch(asset)
+        board.update(asset)
+    with broker_at_work() as broker, reading(broker.port) as reader:
+        settings = settings_for(broker.url, tmp_path, mqtt_full_state=True)
+        with bridged(settings, board, store):
+            wait_until(lambda: reader.latest(f"gear-twin/{ODD_ASSETS[0]}/result"))
+            written_everywhere(store, board)
+            board.update("unsw", last_event_id=store.last_event_id("unsw"))
+            wait_until(lambda: reader.latest("gear-twin/unsw/alarm"))
+            wait_until(lambda: (reader.latest("gear-twin/unsw/alarms") or {}).get("alarms"))
+            wait_until(lambda: all(reader.latest(f"gear-twin/{asset}/result") for asset in ODD_ASSETS))
+    of_asset = ("result", "alarms", "state")
+    expected = {f"gear-twin/{asset}/{what}" for asset in (*ODD_ASSETS, "unsw") for what in of_asset}
+    assert {m.topic for m in reader.messages} == expected | {"gear-twin/service", "gear-twin/unsw/alarm"}
+    for what in ("result", "alarms", "alarm", "state"):
+        is_shown(texts_of(reader.latest(f"gear-twin/unsw/{what}")))
+    for asset in ODD_ASSETS:
+        assert reader.latest(f"gear-twin/{asset}/result")["asset"] == asset
+
+
+@pytest.mark.slow
+def test_opc_ua_has_an_object_of_each_asset_and_texts_that_steer_nothing(tmp_path, store, board):
+    _, alarm = written_everywhere(store, board)
+    for asset in ODD_ASSETS:
+        board.update(asset)
+
+    async def question(reader):
+        await reader.until(f"{ODD_ASSETS[-1]}/window", (None, "BadWaitingForInitialData"))
+        for asset in ODD_ASSETS:
+            assert (await reader.read(f"{asset}/level")) == ("no_verdict", "Good"), asset
+        for name in ("reasons", "depth_note", "alarms"):
+            is_shown((await reader.read(f"unsw/{name}"))[0])
+        assert (await reader.read("unsw/action"))[0] == printable(WRITTEN[0])
+        heard = asyncio.Queue()
+        handler = SimpleNamespace(event_notification=lambda event: heard.put_nowait(event))
+        subscription = await reader.client.create_subscription(20, handler)
+        await subscription.subscribe_events()
+        board.update("unsw", alarms=({**alarm, "level": "watch"},))
+        event = await heard.get()
+        assert event.SourceName == "unsw"
+        is_shown([event.Message.Text])
+
+    with opcua_serving(board, tmp_path) as (url, _):
+        asked(url, question)
+
+
+def test_a_webhook_has_valid_json_whose_texts_steer_nothing(store, board):
+    keeper, _ = written_everywhere(store, board)
+    (raising,) = keeper.store.due(2**62)
+    keeper.store.sent(raising[0])
+    ((_, _, _, body, _, _),) = keeper.store.due(2**62)
+    told = json.loads(body)
+    assert told["verb"] == "acknowledged" and told["alarm"]["acknowledgement"]["by"] == printable(WRITTEN[5])
+    is_shown(texts_of(told))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", ["/", "/#/alarms", "/#/asset/unsw", "/#/asset/unsw/alarms", "/#/asset/unsw/data"])
+def test_the_page_shows_what_others_wrote_as_text_and_nothing_else(open_page, store, board, path):
+    written_everywhere(store, board)
+    page = open_page(path)
+    page.wait_for_function("document.querySelector('main').textContent.includes('acc')")
+    shown = page.evaluate(
+        "document.title + [...document.querySelectorAll('*')].map((e) => [e.title ?? '', "
+        "e.value ?? '', e.ariaLabel ?? '', ...Object.values(e.dataset)]).flat().join(' ')"
+        " + document.querySelector('main').textContent"
+    )
+    assert not steers(shown)
+    assert page.locator("main img, main script, main i, main b").count() == 0

@@ -7,6 +7,8 @@ import signal
 import threading
 import time
 import tomllib
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import fake_twin
@@ -20,6 +22,7 @@ from service.errors import InputError
 from service.json_text import plain
 from service.results.board import Board
 from service.results.raw_recordings import RawLimits, RawRecordings, kept_in
+from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
 from service.runtime.raw_recorder import RawRecorder, rig_texts
 from service.runtime.reception import Reception
@@ -205,6 +208,18 @@ def test_names_do_not_collide(tmp_path):
         disk.write(frames)
         disk.recordings.close()
     assert len(disk.files) == 3
+
+
+def test_assets_whose_names_a_file_system_does_not_keep_apart_are_recorded_and_assessed_apart(share):
+    disk, assets = Disk(share), ("unsw", "UNSW", "con", "x.", ".")
+    for asset in (*assets, *assets):
+        disk.write([replace(f, channel=f.channel._replace(asset=asset)) for f in bursts(1)])
+        disk.recordings.close()
+    stored = stored_recordings([str(disk.folder)])
+    assert len(stored) == len(assets) and {len(each.parts) for each in stored} == {2}
+    with ExitStack() as stack:
+        found = [stack.enter_context(Recording(Path(each.parts[0].name))).assets for each in stored]
+    assert sorted(found) == sorted([asset] for asset in assets)
 
 
 # -- the thread --------------------------------------------------------------------------------------------

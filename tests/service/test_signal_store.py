@@ -18,6 +18,7 @@ from service.results import signal_store
 from service.results.asset_life import AssetLife
 from service.results.data_folder import DATABASE, SIGNALS
 from service.results.former_names import former_names
+from service.results.signal_reading import folder_in, found_in
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
 from service.results.sql_store import SqlStore
@@ -112,6 +113,38 @@ def test_no_name_of_an_asset_leaves_the_folder(tmp_path, asset):
     store.keep(asset, 0, window())
     assert [p.parent.parent for p in tmp_path.rglob("*.npz")] == [tmp_path / "signals"]
     assert SignalStore(tmp_path / "signals", 2**30).indices(asset) == (0,)
+
+
+APART = ("press", "Press", "PRESS", "CON", "con.1", "x.", "x", ".", "..")
+
+
+def test_assets_whose_names_a_file_system_does_not_keep_apart_have_their_own_folders(share):
+    store = SignalStore(share, 2**30)
+    for number, asset in enumerate((*APART, *APART)):
+        store.keep(asset, number, window(number))
+    for opened in (store, SignalStore(share, 2**30)):
+        for number, asset in enumerate(APART):
+            assert opened.indices(asset) == (number, number + len(APART))
+            assert found_in(folder_in(share, asset)).keys() == opened.files(asset).keys()
+    names = [p.name for p in share.iterdir() if any(p.iterdir())]
+    assert len({name.lower().rstrip(".") for name in names}) == len(APART) and {"press", "x"} <= set(names)
+    assert found_in(folder_in(share, "pREss")) == {}
+
+
+def test_an_asset_is_renamed_to_and_from_a_name_that_a_file_system_does_not_keep_apart(share):
+    store = SignalStore(share, 2**30)
+    store.keep("press", 0, window(0))
+    store.rename("Press", "mill")  # which has nothing
+    store.rename("press", "Press")
+    store.keep("press", 1, window(1))  # comes late, under the former name
+    store.rename("Press", "CON")
+    for opened in (store, SignalStore(share, 2**30)):
+        assert opened.indices("CON") == (0, 1) and not any(map(opened.indices, ("press", "Press", "mill")))
+
+
+def test_where_names_are_kept_apart_each_folder_has_its_assets_name(tmp_path):
+    for asset in APART[:-2]:
+        assert folder_in(tmp_path, asset, make=True).name == asset == folder_in(tmp_path, asset).name
 
 
 def test_nothing_is_kept_where_the_limit_is_zero(tmp_path):

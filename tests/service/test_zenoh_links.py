@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -11,11 +12,13 @@ from types import SimpleNamespace
 
 import pytest
 import trustme
-from service_streams import free_port
+from service_streams import free_port, service, wait_until, write_recording
 
 from service.cli import run as command
+from service.contract.position import ChannelPositionModel, PositionModel, position_text
 from service.errors import DeliveryError, InputError, NotReachable
 from service.runtime.admission import access_of
+from service.runtime.replay import replay
 from service.settings import Settings
 from service.transport import zenoh as zenoh_transport
 from service.transport.zenoh_links import ZenohLinks
@@ -135,6 +138,68 @@ def test_access_control_knows_clients_by_their_certificates(folder):
         right = folder / "right.pem"
         assert arrives(session, endpoint, ZenohLinks(authorities=right, **own(folder, "logger")), FRAME)
         assert not arrives(session, endpoint, ZenohLinks(authorities=right, **own(folder, "router")), FRAME)
+
+
+def stored(asset):
+    """A stranger's answer that everything is stored."""
+    newest = ChannelPositionModel(sequence=0, start_time_ns=2**62)
+    channels = dict.fromkeys(("accel/y6", "torque/pinion", "encoder/pinion", "encoder/gear"), newest)
+    return position_text(PositionModel(asset=asset, instance="forged", accepting=True, channels=channels))
+
+
+@pytest.mark.slow
+@pytest.mark.serve_only("workers of a fleet answer as clients of its router")
+def test_a_stranger_at_a_services_own_router_is_not_believed_that_frames_are_stored(tmp_path):
+    """A replay believed a stranger that said `stored` of an asset that nobody had adopted."""
+    recording = write_recording(tmp_path / "run.mcap")
+
+    def answer(query):
+        query.reply(str(query.key_expr), stored("unsw"))
+
+    with (
+        service(tmp_path / "data", NEW_ASSETS="ask") as running,
+        open_session((), [running.endpoint], 20.0) as stranger,
+    ):
+        for keys in ("gearbox/*/twin/position", "gearbox/**"):
+            stranger.declare_queryable(keys, answer, complete=True)
+        with pytest.raises(DeliveryError, match="frames are not stored: asset unsw is unknown to the service"):
+            replay(recording, [running.endpoint], 0, wait=5.0)
+
+
+def test_a_router_that_answers_alone_lets_its_clients_publish_all_but_results():
+    endpoint, heard = f"tcp/127.0.0.1:{free_port()}", queue.Queue()
+    with (
+        zenoh_transport.open_zenoh([endpoint], answers_alone=True) as own,
+        open_session((), [endpoint], 20.0) as stranger,
+        open_session((), [endpoint], 20.0) as viewer,
+    ):
+        viewer.declare_subscriber("gearbox/**", lambda sample: heard.put(sample.payload.to_string()))
+        stranger.liveliness().declare_token("gearbox/forged/twin/alive")
+        own.announce("rig-1")
+        wait_until(lambda: (own.publish_state("rig-1", "own"), not heard.empty())[1])
+        stranger.put(STATE, "forged")
+        stranger.put(FRAME, "frame")
+        said = {heard.get(timeout=30)}
+        while "frame" not in said:
+            said.add(heard.get(timeout=30))
+        assert said == {"own", "frame"}
+        alive = [str(reply.ok.key_expr) for reply in viewer.liveliness().get("gearbox/*/twin/alive", timeout=30)]
+        assert alive == ["gearbox/rig-1/twin/alive"]
+
+
+def test_a_configuration_of_zenoh_says_itself_who_answers(tmp_path):
+    """A second service may then be a client of the first one's router."""
+    (tmp_path / "zenoh.json5").write_text("{}")
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    links = ZenohLinks(config=tmp_path / "zenoh.json5")
+    with (
+        zenoh_transport.open_zenoh([endpoint], links=links, answers_alone=True) as own,
+        own.answer_positions(lambda stream, reply, sending: None),
+        zenoh_transport.open_zenoh((), [endpoint], wait=20.0, answers_alone=True) as second,
+        second.answer_positions(lambda stream, reply, sending: reply("second")),
+        zenoh_transport.open_publisher([endpoint]) as publisher,
+    ):
+        wait_until(lambda: b"second" in list(publisher.ask("rig-1", 1.0)))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import zenoh
 from service_streams import free_port, wait_until
@@ -51,6 +51,16 @@ def test_streams_are_asked_about_together():
         answers = [publisher.ask(stream, 10.0) for stream in STREAMS]
         assert [list(each) for each in answers] == [[position_topic(s, "gearbox").encode()] for s in STREAMS]
         queryable.undeclare()
+
+
+def test_everyone_who_stores_a_stream_is_heard():
+    """The newest answer was the only one, or that of a queryable that calls itself complete."""
+    key, endpoint = position_topic(STREAMS[0], "gearbox"), f"tcp/127.0.0.1:{free_port()}"
+    with open_session([endpoint]), open_publisher([endpoint], wait=20.0) as publisher, ExitStack() as stack:
+        for number in range(3):
+            session = stack.enter_context(open_session((), [endpoint], 20.0))
+            session.declare_queryable(key, lambda q, n=number: q.reply(key, f"service {n}"), complete=number == 1)
+        wait_until(lambda: sorted(publisher.ask(STREAMS[0], 10.0)) == [b"service 0", b"service 1", b"service 2"], 5.0)
 
 
 def test_a_subscriber_that_has_been_away_is_noticed_for_whatever_channel_is_looked_at():
