@@ -460,5 +460,5 @@ app.command(name="signals", rich_help_panel=DATA)(configured(signals))
 app.add_typer(effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(example, name="example", rich_help_panel=DATA)
 app.add_typer(fleet, name="fleet", rich_help_panel=KEEP)
-for _command in (database.backup, database.restore, database.export, database.check, database.migrate):
+for _command in (database.backup, database.restore, database.export, database.check):
     app.command(rich_help_panel=KEEP)(_command)

@@ -1,4 +1,4 @@
-"""`gear-twin backup`, `restore`, `export`, `check`, `migrate`: looking after what a service has kept."""
+"""`gear-twin backup`, `restore`, `export`, `check`: looking after what a service has kept."""
 
 from __future__ import annotations
 
@@ -25,13 +25,6 @@ class What(StrEnum):
 
     windows = "windows"
     events = "events"
-
-
-class Target(StrEnum):
-    """Schemas that a database can be brought to."""
-
-    newest = "newest"
-    release = "release"
 
 
 def _place(data: Path | None, config: Path | None) -> tuple[Path, Path | str]:
@@ -106,30 +99,6 @@ def check(data: Data = None, config: ConfigFile = None, json: JsonFile = None) -
     tell(f"{folder}: nothing is wrong; {sum(counts.values())} rows were read; {size}")
     if raw is not None:
         tell(f"{settings.raw_folder}: {raw}")
-
-
-def migrate(
-    to: Annotated[
-        Target, typer.Option(help="newest: the schema of this program; release: that of the release before it.")
-    ] = Target.newest,
-    data: Data = None,
-    config: ConfigFile = None,
-) -> None:
-    """Bring the database to the schema of this program, or back to that of the last release; no service may run."""
-    from service.results.archive import storage_faults
-    from service.results.backends import backend_of
-    from service.results.data_folder import only_service_of
-    from service.results.migrate import downgrade, upgrade
-
-    folder, where = _place(data, config)
-    backend = backend_of(where)
-    with only_service_of(folder), storage_faults(backend.name):
-        if to is Target.release:
-            downgrade(backend)
-            tell(f"{backend.name} has the schema of the last release")
-            return
-        copy = upgrade(backend)
-    tell(f"{backend.name} has the newest schema" + (f"; it is kept as it was in {copy}" if copy else ""))
 
 
 def export(

@@ -27,7 +27,7 @@ def refuse_other(partition: int, revision: str | None) -> None:
     if (revision or "") > REVISION:
         why = f"this program knows up to {REVISION}: they were written by a newer gear-twin; install it here, too"
     else:
-        why = f"this program needs {REVISION}: the next worker of this release brings them there"
+        why = f"this program needs {REVISION}"
     raise StorageUnavailable(
         f"the tables of partition {partition} have revision {revision}, {why}", reason="another release"
     )

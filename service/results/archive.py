@@ -48,7 +48,7 @@ class Backup:
     """What an archive holds."""
 
     created: str
-    schema: int  # `PRAGMA user_version` of its database
+    schema: str  # revision of its tables
     assets: int
     windows: int
     files: int
@@ -85,13 +85,13 @@ def restore(archive: Path, data: Path, where: Path | str) -> Backup:
         held = Path(folder)
         manifest = _unpacked(archive, held)
         _demand_sound(held / COPY, archive)
+        upgrade(SqliteFile(held / COPY))
         for name in (WAITING, BASELINES, SIGNALS):
             if (held / name).exists():
                 (held / name).replace(data / name)
         if isinstance(backend, SqliteFile):
             backend.path.parent.mkdir(parents=True, exist_ok=True)
             (held / COPY).replace(backend.path)
-            upgrade(backend)
         else:
             _into_server(held / COPY, backend)
     return Backup(**manifest["about"])
@@ -130,7 +130,7 @@ def _copy_database(backend: Backend, copy: Path) -> None:
     try:
         with source_engine.connect().execution_options(isolation_level="REPEATABLE READ") as source:
             if present(source, backend) != REVISION:
-                raise StoreError(f"{backend.name} has not the schema of this program: run `gear-twin migrate` first")
+                raise StoreError(f"{backend.name} holds no results")
             with target_engine.connect() as target, target.begin():
                 copy_rows(source, target)
     finally:
@@ -177,12 +177,11 @@ def _drop_unnamed(held: Path) -> None:
 
 def _packed(held: Path, archive: Path) -> Backup:
     with closing(sqlite3.connect(held / COPY)) as db:
-        version = db.execute("PRAGMA user_version").fetchone()[0]
         assets = db.execute("SELECT COUNT(*) FROM assets").fetchone()[0]
         windows = db.execute("SELECT COUNT(*) FROM windows").fetchone()[0]
     files = sorted(path for path in held.rglob("*") if path.is_file())
     about = {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"), "schema": version, "assets": assets,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"), "schema": REVISION, "assets": assets,
         "windows": windows, "files": len(files) - 1, "bytes": sum(path.stat().st_size for path in files),
     }  # fmt: skip
     members = {}
@@ -267,7 +266,6 @@ def _demand_sound(copy: Path, of: Path) -> None:
 
 def _into_server(copy: Path, backend: Backend) -> None:
     source = SqliteFile(copy)
-    upgrade(source)
     from_file, to_server = source.for_migration(), backend.for_migration()
     try:
         with from_file.connect() as rows, to_server.connect() as target, target.begin():
@@ -292,7 +290,7 @@ def storage_faults(where: str) -> Iterator[None]:
 
 
 def demand_present(where: Path | str) -> None:
-    """InputError where the database is not there, or has not the schema of this program."""
+    """InputError where the database is not there, or holds no results."""
     backend = backend_of(where)
     if backend.path is not None and not backend.path.exists():
         raise InputError(f"{backend.path} does not exist")
@@ -300,6 +298,6 @@ def demand_present(where: Path | str) -> None:
     try:
         with storage_faults(backend.name), engine.connect() as db:
             if present(db, backend) != REVISION:
-                raise InputError(f"{backend.name} has not the schema of this program: run `gear-twin migrate` first")
+                raise InputError(f"{backend.name} holds no results")
     finally:
         engine.dispose()

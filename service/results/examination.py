@@ -15,7 +15,7 @@ from service.results.backends import backend_of
 from service.results.data_folder import BASELINES, WAITING
 from service.results.json_columns import load, seal
 from service.results.migrate import present
-from service.results.schema import ASSETS, METADATA, REVISION, WINDOWS
+from service.results.schema import ASSETS, METADATA, WINDOWS
 from service.results.schema import BASELINES as OWN_BASELINES
 from service.results.schema import WAITING as WAITING_WINDOWS
 from service.results.window_file import SUFFIX, read_window
@@ -43,10 +43,8 @@ def examine(data: Path, where: Path | str) -> tuple[list[Finding], dict[str, int
     try:
         with engine.connect() as db:
             findings += _of_the_file(db) if backend.path is not None else []
-            revision = present(db, backend)
-            if revision != REVISION:
-                what = f"{backend.name} has the schema {revision}, not {REVISION}"
-                return [*findings, Finding(what=what, action="run `gear-twin migrate`")], {}
+            if present(db, backend) is None:
+                return [*findings, Finding(what=f"{backend.name} holds no results", action=RESTORE)], {}
             for table in METADATA.sorted_tables:
                 counts[table.name] = 0
                 for finding in _of_rows(db, table, counts):

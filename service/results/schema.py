@@ -125,7 +125,9 @@ ALARMS = Table(
     _text("name"),
     _number("open"),
     _json("record"),
-    Index("alarms_open", "asset", "name", unique=True, sqlite_where=text("open = 1")),  # on a server, too: `migrations`
+    Index(
+        "alarms_open", "asset", "name", unique=True, sqlite_where=text("open = 1"), postgresql_where=text("open = 1")
+    ),
     sqlite_autoincrement=True,
 )
 ALARM_HISTORY = Table(

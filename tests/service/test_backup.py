@@ -1,9 +1,8 @@
-"""Backup, restore, export, check and migrate: what a service has kept can be looked after."""
+"""Backup, restore, export and check: what a service has kept can be looked after."""
 
 from __future__ import annotations
 
 import csv
-import gzip
 import json
 import sqlite3
 import threading
@@ -275,15 +274,3 @@ def test_results_are_exported_by_asset_and_time(data, tmp_path, capsys):
     for wrong in (["x.xlsx"], ["x.csv", "--asset", "nobody"], ["x.csv", "--from", "yesterday"]):
         assert run(["export", str(tmp_path / wrong[0]), *wrong[1:], "--data", str(data)]) == 2
     assert not (tmp_path / "x.csv").exists()
-
-
-def test_database_of_the_last_release_is_migrated_by_command_and_back(data, capsys):
-    (data / DATABASE).write_bytes(gzip.decompress((ROOT / "tests" / "data" / "store_v8.sqlite.gz").read_bytes()))
-    assert run(["check", "--data", str(data)]) == 2
-    assert "gear-twin migrate" in capsys.readouterr().out
-    assert run(["export", str(data / "x.csv"), "--data", str(data)]) == 2
-    assert run(["migrate", "--data", str(data)]) == 0
-    assert "it is kept as it was in" in capsys.readouterr().err
-    assert run(["migrate", "--to", "release", "--data", str(data)]) == 0
-    with closing(sqlite3.connect(data / DATABASE)) as db:
-        assert db.execute("PRAGMA user_version").fetchone() == (8,)

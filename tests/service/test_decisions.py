@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
-import sqlite3
 import subprocess
 import sys
 import threading
 import time
 import urllib.error
 import urllib.request
-from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,8 +21,6 @@ import gear_twin
 from service.cli import run
 from service.contract.estimate import Estimate
 from service.results.decision_queue import DecisionQueue
-from service.results.migrations.release_scripts import SCRIPTS
-from service.results.sql_store import SqlStore
 from service.runtime.computing import Ask, Call, carry_out
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
@@ -206,22 +202,6 @@ def test_command_signs_a_decision_and_lists_them(address, store, board, capsys):
     assert run(["effects", "decisions", "unsw", *url]) == 0
     line = capsys.readouterr().out
     assert "pin misalignment (queued; applied after the current window)  by Anna: measured" in line
-
-
-def test_a_store_of_before_names_and_notes_keeps_its_decisions(tmp_path):
-    path = tmp_path / "old.sqlite"
-    with closing(sqlite3.connect(path)) as db:
-        step = next(i for i, script in enumerate(SCRIPTS) if "signed_by" in script)
-        for script in SCRIPTS[:step]:
-            db.executescript(script)
-        db.executescript(f"""
-            INSERT INTO assets (asset) VALUES ('unsw');
-            INSERT INTO decisions (asset, received_ns, name, verb) VALUES ('unsw', 1, 'misalignment', 'pin');
-            PRAGMA user_version = {step};
-        """)
-    with SqlStore(path) as store:
-        (decision,) = store.decisions("unsw")
-        assert (decision.verb, decision.by, decision.note) == ("pin", None, None)
 
 
 def test_decision_and_what_it_changes_are_one_transaction(each_store):

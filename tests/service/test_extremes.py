@@ -11,7 +11,6 @@ from test_api import Client
 from service.api import create_app
 from service.results.board import Board
 from service.results.extremes import FAN_OUT, KEPT_LEVEL, LEVELS, Bucket, bucket_for, extremes_of
-from service.results.migrate import downgrade, upgrade
 from service.results.retention import DAY_NS, Retention, delete_old
 from service.results.schema import EXTREMES
 
@@ -155,19 +154,6 @@ def test_a_spike_stays_when_a_history_is_thinned_by_retention_and_goes_with_what
     parts = store.database.rows(sa.select(EXTREMES.c.level, sa.func.min(EXTREMES.c.part)).group_by(EXTREMES.c.level))
     assert {level: first for level, first in parts} == {n: 1020 // FAN_OUT**n for n in range(1, LEVELS + 1)}
     assert max(indices(store.outline("unsw", 20))) == COUNT - 1
-
-
-@pytest.mark.slow
-def test_a_database_of_the_revision_before_gets_the_extremes_of_its_windows(store):
-    records = noise(700)
-    records[5].update(quality="refused", rms_measured=99.0)
-    records[6]["rms_measured"], records[7]["indicators"] = None, None
-    filled(store, records)
-    commit(store, 0, record(0, 7.0), asset="another")
-    committed = store.database.rows(sa.select(EXTREMES).order_by(*EXTREMES.primary_key))
-    downgrade(store.database.backend, "0006")
-    upgrade(store.database.backend)
-    assert store.database.rows(sa.select(EXTREMES).order_by(*EXTREMES.primary_key)) == committed
 
 
 def test_a_window_that_is_committed_twice_changes_nothing(store):

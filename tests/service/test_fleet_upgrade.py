@@ -8,17 +8,15 @@ import httpx
 import pytest
 import service_fakes as fakes
 import sqlalchemy as sa
-from fleets import PARTITIONS, front, routed, taken, windows, worker
-from service_streams import wait_until
+from fleets import PARTITIONS, front, taken, windows
 
 from service.errors import NewerTables, StorageUnavailable, StoreError
 from service.fleet import layout
-from service.fleet.databases import Partitions, engine_of, made, partition_backend
-from service.fleet.fence import Fence, Fenced
+from service.fleet.databases import Partitions, engine_of, made
+from service.fleet.fence import Fenced
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import Layout, create, layout_of, partition_of
 from service.fleet.partition import of_this_release
-from service.results import migrate
 from service.results.schema import REVISION
 from service.results.sql_store import SqlStore
 from service.settings import Settings
@@ -26,7 +24,6 @@ from service.settings import Settings
 pytestmark = pytest.mark.slow
 
 OWN = partition_of("unsw", PARTITIONS)
-EARLIER = f"{int(REVISION) - 1:04d}"
 
 
 STEPS = layout.STEPS
@@ -53,15 +50,6 @@ def tables(fleet):
 
 def columns(engine):
     return {column["name"] for column in sa.inspect(engine).get_columns("partitions", schema="fleet")}
-
-
-def revision_of(engine, partition):
-    with engine.connect() as db:
-        return db.exec_driver_sql(f"SELECT version_num FROM p{partition:03d}.alembic_version").scalar_one()
-
-
-def downgrade(fleet, partition):
-    migrate.downgrade(partition_backend(fleet, Fence(partition=partition), PARTITIONS), EARLIER)
 
 
 def test_the_tables_of_all_are_upgraded_whole_or_not_at_all(monkeypatch, fleet, tables):
@@ -129,30 +117,24 @@ def test_a_newer_worker_waits_until_the_tables_are_upgraded(monkeypatch, fleet, 
         thread.join(20)
 
 
-def test_a_partition_is_upgraded_by_the_worker_that_takes_it_and_keeps_its_windows(tmp_path, fleet, tables):
-    with taken(fleet, OWN) as store:
-        for index in range(3):
-            fakes.take(store, None, "unsw", index, 100.0 * (index + 1))
-    kept = windows(fleet, OWN)
+def test_a_front_end_answers_nothing_from_an_older_partition_and_all_of_the_others(tmp_path, fleet, tables):
     with FleetStore(fleet, Layout(PARTITIONS)) as store:
         store.note("unsw", [("added", {})])
         other = next(name for n in range(99) if partition_of(name := f"gb-{n}", PARTITIONS) != OWN)
         store.note(other, [("added", {})])
-    downgrade(fleet, OWN)
-    assert revision_of(tables, OWN) == EARLIER
+    with tables.begin() as db:
+        db.exec_driver_sql(f"UPDATE p{OWN:03d}.alembic_version SET version_num = '0008'")
     with (
         front(fleet, tmp_path / "front", anonymous="read") as address,
         httpx.Client(base_url=address, timeout=60) as ask,
     ):
         refused = ask.get("/v1/assets/unsw/windows")
         assert refused.status_code == 503
-        assert f"the tables of partition {OWN} have revision {EARLIER}, this program needs" in refused.text
+        assert f"the tables of partition {OWN} have revision 0008, this program needs {REVISION}" in refused.text
         assert ask.get(f"/v1/assets/{other}/windows").status_code == 200
         assert {each["asset"] for each in ask.get("/v1/assets").json()} == {"unsw", other}
-        with routed() as endpoint, worker(tmp_path / "worker", fleet, endpoint):
-            assert revision_of(tables, OWN) == REVISION
-            wait_until(lambda: ask.get("/v1/assets/unsw/windows").status_code == 200)
-    assert windows(fleet, OWN) == kept and len(kept) == 3
+    with pytest.raises(StoreError, match="tables from before the first release"):
+        taken(fleet, OWN)
 
 
 def test_a_front_end_leaves_a_partition_of_a_newer_release_alone(fleet, tables):

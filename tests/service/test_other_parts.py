@@ -140,7 +140,7 @@ def imported(file: Path) -> set[str]:
     ("package", "homes"),
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
-        ("sqlite3", {"results/archive.py", "results/migrate.py"}),
+        ("sqlite3", {"results/archive.py"}),
         ("psycopg", {"fleet/front_watch.py", "fleet/listener.py", "results/bounded_connection.py"}),
     ],
 )

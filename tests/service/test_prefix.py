@@ -37,7 +37,7 @@ WRITING = {"import"}
 IN_BATCHES = {"fleet assess"}  # reads what is stored: test_fleet_assess.py
 NO_STREAM = {  # commands that read neither a recording nor a stream
     "config", "init", "thresholds", "relate", "depths", "detectability", "example", "backup", "restore", "export",
-    "check", "migrate", "keys", "fleet",  # a fleet's keys are made of the setting: test_fleet_fence.py
+    "check", "keys", "fleet",  # a fleet's keys are made of the setting: test_fleet_fence.py
     "simulate",  # another program's recordings: their prefix is that of the contract
 }  # fmt: skip
 

@@ -16,8 +16,6 @@ import service_fakes as fakes
 
 from service.errors import StorageUnavailable, StoreError
 from service.results.board import Board
-from service.results.migrate import user_version
-from service.results.schema import REVISION
 from service.results.sql_store import SqlStore
 
 ROOT = Path(__file__).parents[2]
@@ -91,20 +89,9 @@ def test_numbers_that_are_not_finite_become_null(store):
     assert store.windows("unsw")[0].record == {"index": 0, "rms_predicted": None, "error_percent": None}
 
 
-def test_database_is_in_wal_mode_and_carries_its_schema_version(tmp_path):
+def test_database_is_in_wal_mode(tmp_path):
     with SqlStore(tmp_path / "twin.sqlite") as store, closing(sqlite3.connect(store.path)) as peek:
         assert peek.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-        assert peek.execute("PRAGMA user_version").fetchone() == (user_version(REVISION),)
-
-
-def test_database_of_a_newer_program_is_refused(tmp_path):
-    path = tmp_path / "twin.sqlite"
-    SqlStore(path).close()
-    newer = user_version(REVISION) + 5
-    with closing(sqlite3.connect(path)) as peek:
-        peek.execute(f"PRAGMA user_version = {newer}")
-    with pytest.raises(StoreError, match=f"schema version {newer}.*newer"):
-        SqlStore(path)
 
 
 def test_file_that_is_no_database_is_refused_by_name(tmp_path):

@@ -1,1 +1,1 @@
-"""The steps of the database's schema: Alembic's revisions in `versions`, and what the releases before them had."""
+"""The steps of the database's schema: Alembic's revisions in `versions`."""
