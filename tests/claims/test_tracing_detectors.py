@@ -159,9 +159,6 @@ def test_impacts_that_could_not_be_sought_are_not_taken_for_absent():
     content = non_gear.find_non_gear_content(windows, False)
     assert content.not_available == ((gaps, 3),)
     assert not content.impacts
-    old = features(1.0, "").to_dict()
-    del old["fault"]  # as version 1 kept it
-    assert NonGearFeatures.from_dict(old) == features(1.0, "")
     assert NonGearFeatures.from_dict(features(None, gaps).to_dict()) == features(None, gaps)
 
 

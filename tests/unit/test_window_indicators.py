@@ -59,12 +59,6 @@ def test_na4_compares_with_the_windows_before_and_the_record_survives_the_state(
     assert State.from_dict(json.loads(json.dumps(state.to_dict()))) == state
 
 
-def test_a_state_from_before_the_indicators_begins_an_empty_record(two_windows):
-    data = two_windows[0].to_dict()
-    del data["residual_records"]
-    assert State.from_dict(data).residual_records == ()
-
-
 def test_the_contract_gives_them_by_sensor_and_gear(two_windows):
     record = WindowRecord.of(two_windows[2].window).as_json()
     own = json.loads(json.dumps(record, allow_nan=False))["indicators"]["a"]
