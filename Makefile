@@ -14,7 +14,7 @@ help:
 	@echo 'make demo         service, replay of the bundled campaign, summary, page (ARGS=--exit: end after it)'
 	@echo 'make install      the gear-twin command, in .venv/bin'
 	@echo 'make serve        the service alone'
-	@echo 'make install-formats   readers of TDMS, UFF-58, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
+	@echo 'make install-formats   readers of TDMS, MDF4, HDF5, MAT 7.3 and Parquet files for gear-twin import'
 	@echo 'make install-plant     PostgreSQL, MQTT, OPC UA and OpenTelemetry for the service'
 	@echo 'make install-fleet     Ray, PostgreSQL and object stores for gear-twin fleet'
 	@echo 'make test         the tests of under a second or so; test-slow: the longer proofs; test-all: both'

@@ -46,7 +46,7 @@ from tests.chaos.frames import FrameFaults
 
 SOURCE = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 RIG = Path(__file__).parents[2] / "recordings" / "rigs" / "unsw.toml"
-READERS = ("asammdf", "h5py", "mat73", "nptdms", "pyarrow.parquet", "pyuff", "service.cli.importing")
+READERS = ("asammdf", "h5py", "mat73", "nptdms", "pyarrow.parquet", "service.cli.importing")
 WHOLE = 20
 LONGEST = 20  # [s]
 MEMORY = 1000  # resident, at most [MB]

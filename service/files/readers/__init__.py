@@ -57,7 +57,7 @@ FORMATS = (
     Format(name="MAT", begins=(b"MATLAB 5.0 MAT-file",), read=read_mat, fits=is_level_4),
     Format(name="MAT 7.3", begins=(b"MATLAB 7.3 MAT-file", b"MATLAB 7.0 MAT-file"), read=read_mat73, library="mat73"),
     Format(name="TDMS", begins=(b"TDSm",), read=read_tdms, library="nptdms"),
-    Format(name="UFF-58", begins=(b"    -1",), read=read_uff, library="pyuff"),
+    Format(name="UFF-58", begins=(b"    -1",), read=read_uff),
     Format(name="MDF", begins=(b"MDF     ", b"UnFinMF "), read=read_mdf, library="asammdf"),
     Format(name="HDF5", begins=(HDF5,), at=(0, 512, 1024, 2048), read=read_hdf5, library="h5py"),
     Format(name="Parquet", begins=(b"PAR1",), read=read_parquet, library="pyarrow"),
