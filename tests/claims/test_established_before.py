@@ -78,14 +78,6 @@ def test_what_was_established_survives_a_restart():
     assert last(rig, again) == last(rig, unpredicted(state))
 
 
-@pytest.mark.slow
-def test_state_of_an_earlier_version_has_established_nothing():
-    rig, state, _ = worn()
-    data = unpredicted(state).to_dict()
-    del data["history"]
-    assert last(rig, State.from_dict(data))["status"]["level"] == "watch"
-
-
 @pytest.mark.parametrize("kind, kept", [("gears_replaced", False), ("reassembled", False), ("oil_changed", True)])
 def test_other_gears_begin_a_history_of_their_own(kind, kept):
     rig, state, _ = worn()
