@@ -96,6 +96,7 @@ def test_back_flanks_carry_as_the_drive_flanks_do_behind_the_backlash():
     assert back_force(mesh, 0.1, mesh.backlash, 0.0) == 0.0
 
 
+@pytest.mark.slow
 def test_the_mean_transmission_error_is_the_static_deflection_under_load():
     """Springs in series from encoder to encoder: K q = f with the approach given."""
     m = machine()

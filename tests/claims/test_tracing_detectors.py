@@ -81,6 +81,7 @@ def test_detector_keeps_what_was_found_before_it(detector):
     assert content == (NonGearContent() if detector.name == "non_gear" else tone)
 
 
+@pytest.mark.slow
 def test_mesh_lines_are_fitted_as_an_accelerometer_without_its_fault_would_have_shown_them():
     context = healthy()
     onset = mesh.mesh_windows(context).windows[1].revolutions

@@ -230,6 +230,7 @@ def shifted(step=0.0, drift=0.0, since=5):
     return replace(context, windows=windows, worn=replace(context.worn, windows=windows))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [24e-6, -6e-6])
 def test_a_shaft_that_shifts_steps_the_mean_transmission_error(size):
     step = mean_step(shifted(step=size))

@@ -68,6 +68,7 @@ def test_the_example_prints_its_numbers_alone_where_asked(capsys, coarse):
     assert {r["reference_state"] for r in answer["relative_to_a_misaligned_state"]} == {"tilt 0.1°", "tilt 0.2°"}
 
 
+@pytest.mark.slow
 def test_without_draws_it_says_that_its_figures_are_those_of_the_nominal_estimates(capsys, monkeypatch, found):
     monkeypatch.setattr(
         studies.misalignment.study, "study", lambda progress, draws: replace(found, draws=found.draws[:draws])

@@ -96,7 +96,7 @@ def universal_binary(path):
     ("write", "whole"),
     [
         (wav, 0),
-        (csv, 0),
+        pytest.param(csv, 0, marks=pytest.mark.slow),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in ((npz, 1), (mat, 1), (h5, 0), (tdms, 0), (parquet, 0), (universal_binary, 0))

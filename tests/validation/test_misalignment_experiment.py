@@ -69,6 +69,7 @@ def test_every_case_raises_the_second_mesh_harmonic(variant):
     assert all(r.bands[1] > 0 for r in rises(variant))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", SIGNALS)
 def test_the_rigid_model_rises_more_than_the_experiment_in_every_case_as_the_authors_did(of):
     assert all(getattr(r, of) > r.experiment for r in rises("rigid"))
