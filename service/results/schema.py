@@ -125,9 +125,7 @@ ALARMS = Table(
     _text("name"),
     _number("open"),
     _json("record"),
-    Index(
-        "alarms_open", "asset", "name", unique=True, sqlite_where=text("open = 1"), postgresql_where=text("open = 1")
-    ),
+    Index("alarms_open", "asset", "name", unique=True, sqlite_where=text("open = 1")),  # on a server, too: `migrations`
     sqlite_autoincrement=True,
 )
 ALARM_HISTORY = Table(
