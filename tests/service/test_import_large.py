@@ -207,8 +207,8 @@ def test_a_universal_file_that_was_cut_off_is_read_to_its_last_whole_line(tmp_pa
 
 
 SPOILED = [
-    (universal_head(2, 6) + b"  1.00000E+00  x.00000E+00\n", "it holds b'  x.00000E+00' for a number"),
-    (universal_head(2, 6) + b"                1.00000E+00\n", "it holds b'             ' for a number"),
+    (universal_head(2, 6) + b"  1.00000E+00  x.00000E+00\n", "it holds '  x.00000E+00' for a number"),
+    (universal_head(2, 6) + b"                1.00000E+00\n", "it holds '             ' for a number"),
     (universal_head(2, 6) + b"  1.00000E+00" * 7 + b"\n", "a line of its values is longer than 78 columns"),
     (universal_head(3, 6) + b"  1.00000E+00\n", "its numbers are of type 3, which is not known"),
     (universal_head(2, 6, f"b{1:6d}{3:6d}") + bytes(9), "its numbers are of type IBM 5/370, which is not known"),
@@ -237,7 +237,8 @@ def test_a_long_universal_data_set_takes_no_memory_that_grows_with_it(tmp_path, 
     (tmp_path / "a.uff").write_bytes(data + b"    -1\n")
     monkeypatch.setattr(uff, "PART", 2**18)
     monkeypatch.setattr(uff, "BLOCK", 2**14)
-    monkeypatch.setattr(stored_rows, "SHORT", 2**12)
+    if not binary:  # binary values stay in the file, however few they are
+        monkeypatch.setattr(stored_rows, "SHORT", 2**12)
     tracemalloc.start()
     (column,) = uff.read_uff(tmp_path / "a.uff").columns
     most = tracemalloc.get_traced_memory()[1]

@@ -1,12 +1,15 @@
 """What MATLAB files hold is imported whole, or it is said what is not: cells, units, objects, counters."""
 
 import struct
+import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from service.cli import run
+from service.errors import InputError
 from service.files.guess import proposal_of
 from service.files.import_channel import unwrapped
 from service.files.import_mapping import load_import_mapping
@@ -136,3 +139,32 @@ def test_a_counter_of_each_turn_is_one_that_goes_on():
     assert np.array_equal(unwrapped(COUNTS % 1024, 1024), COUNTS)
     assert np.array_equal(unwrapped(1023 - COUNTS % 1024, 1024), 1023 - COUNTS)
     assert np.array_equal(unwrapped(COUNTS % 2**16, 1024), COUNTS)
+
+
+def cells(*values):
+    out = np.empty(len(values), object)
+    out[:] = values
+    return out
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(
+    ("value", "length"),
+    [({"a": X}, 1), (cells(X, X[:9], X), 3), ("abc", 3), ({"a": cells(X, X[:9], X)}, 3), ({"a": {"b": "abc"}}, 3)],
+)
+def test_a_number_of_parts_that_was_spoiled_takes_no_memory(tmp_path, packed, value, length):
+    savemat(tmp_path / "a.mat", {"run": value})
+    data = (tmp_path / "a.mat").read_bytes()
+    last = data.rfind(struct.pack("<4I", 5, 8, 1, length))  # the dimensions
+    many = data[: last + 8] + struct.pack("<I", 20_000_000) + data[last + 12 :]
+    variable = many[128:]
+    if packed:
+        packing = zlib.compress(variable)
+        variable = struct.pack("<2I", 15, len(packing)) + packing
+    (tmp_path / "a.mat").write_bytes(many[:128] + variable)
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"it states an array of \d+ parts, of which at most 10000000 are read"):
+        read_table(tmp_path / "a.mat")
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 20e6

@@ -6,6 +6,7 @@ as those of the class `datetime`, are no part of the published format: each is l
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -17,6 +18,7 @@ import numpy as np
 from service.files.readers.contents import Contents
 from service.files.readers.table import MOST_COLUMNS, Table
 
+MOST_PARTS = 10_000_000  # of a cell array, a structure array or a text: more take over 1 GB, or are a spoiled number
 INSTEAD = {
     "datetime": "posixtime({x})", "duration": "seconds({x})", "string": "char({x})", "categorical": "double({x})",
     "table": "its columns as variables", "timetable": "its columns as variables, and the times by posixtime or seconds",
@@ -41,10 +43,9 @@ def is_level_4(head: bytes) -> bool:
 
 def read_mat(path: Path) -> Table:
     """A MAT file of version 4 to 7."""
-    from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque
 
-    content = loadmat(path, simplify_cells=True)
+    content = _content(path)
     objects: dict[str, str] = {}
     if isinstance(content.get("None"), MatlabOpaque):  # under this name scipy keeps the last one
         del content["None"]
@@ -54,6 +55,41 @@ def read_mat(path: Path) -> Table:
         return str(value[0]["s2"].decode()) if isinstance(value, MatlabOpaque) else objects.get(label, "")
 
     return _table("MAT", {**content, **dict.fromkeys(objects)}, class_of)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """What scipy reads; ValueError of an array of more than MOST_PARTS before scipy makes room for them."""
+    from scipy.io.matlab._mio import mat_reader_factory
+    from scipy.io.matlab._mio5 import MatFile5Reader
+    from scipy.io.matlab._mio5_utils import VarReader5
+
+    class Bounded(VarReader5):
+        def read_cells(self, header: Any) -> Any:
+            return super().read_cells(_of_few_parts(header))
+
+        def read_struct(self, header: Any) -> Any:
+            return super().read_struct(_of_few_parts(header))
+
+        def read_char(self, header: Any) -> Any:
+            return super().read_char(_of_few_parts(header))
+
+    class Reader(MatFile5Reader):
+        def initialize_read(self) -> None:
+            super().initialize_read()
+            self._matrix_reader = Bounded(self)
+
+    with path.open("rb") as file:
+        reader, _ = mat_reader_factory(file, simplify_cells=True)
+        if isinstance(reader, MatFile5Reader):
+            reader = Reader(file, simplify_cells=True)
+        return dict(reader.get_variables())
+
+
+def _of_few_parts(header: Any) -> Any:
+    parts = math.prod(header.dims)
+    if parts > MOST_PARTS:
+        raise ValueError(f"it states an array of {parts} parts, of which at most {MOST_PARTS} are read")
+    return header
 
 
 def _objects(path: Path) -> Iterator[tuple[str, str]]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from service.files.readers.stored import GrowingRow, Row, StoredRow, in_memory
+from service.files.readers.stored import GrowingRow, Row, StoredRow
 from service.files.readers.table import Column, Table, rounded_rate, unique_names
 
 PRINTED = 6e-6  # relative uncertainty of a step that is printed with six digits
@@ -156,11 +156,10 @@ def _read_text(path: Path, of: _Set) -> tuple[Row, Row | None]:
         while (left := of.end - file.tell()) > 0:
             part = file.read(min(PART, left))
             part += file.readline(min(LINE, of.end - file.tell()))
-            lines = [line.rstrip() for line in part.splitlines()]
-            if max(map(len, lines), default=0) > cells[-1][1]:
+            lines = [line.rstrip() for line in part.decode("ascii", errors="replace").split("\n")]
+            if max(map(len, lines)) > cells[-1][1]:
                 raise ValueError(f"a line of its values is longer than {cells[-1][1]} columns")
-            if not part.endswith(b"\n"):
-                lines.pop()  # that was cut off
+            lines.pop()  # nothing, or what was cut off
             try:
                 values = np.array([float(line[a:b]) for line in lines for a, b in cells if a < len(line)])
             except ValueError as error:
@@ -173,7 +172,7 @@ def _read_text(path: Path, of: _Set) -> tuple[Row, Row | None]:
 
 
 def _read_binary(path: Path, of: _Set) -> tuple[Row, Row | None]:
-    """Values of a binary data set, and their times where it stores them; long ones stay in the file."""
+    """Values of a binary data set, and their times where it stores them; they stay in the file."""
     order, coded = of.head[1][7:13].strip(), of.head[1][13:19].strip()
     if of.numbers not in (SINGLE, DOUBLE) or coded in FOREIGN:
         raise ValueError(f"its numbers are of type {FOREIGN.get(coded, of.numbers)}, which is not known")
@@ -183,7 +182,7 @@ def _read_binary(path: Path, of: _Set) -> tuple[Row, Row | None]:
     def row(key: str) -> Row:
         read = partial(_numbers, path, of.begin, dtype, key)
         size = max(of.end - of.begin, 0) // dtype.itemsize
-        return in_memory(StoredRow(size=size, dtype=np.dtype(float), read=read))
+        return StoredRow(size=size, dtype=np.dtype(float), read=read)
 
     return row("y"), None if of.is_even else row("x")
 
