@@ -85,7 +85,10 @@ def restore(archive: Path, data: Path, where: Path | str) -> Backup:
         held = Path(folder)
         manifest = _unpacked(archive, held)
         _demand_sound(held / COPY, archive)
-        upgrade(SqliteFile(held / COPY))
+        try:
+            upgrade(SqliteFile(held / COPY))
+        except StoreError as error:
+            raise StoreError(str(error).replace(str(held / COPY), f"the database of {archive}")) from error
         for name in (WAITING, BASELINES, SIGNALS):
             if (held / name).exists():
                 (held / name).replace(data / name)

@@ -42,7 +42,7 @@ class Twin:
 
     step: Callable[..., tuple[Any, Any]]  # (rig, state, window, options) → state, estimate
     new_state: Callable[[], Any]
-    load_state: Callable[[Mapping[str, Any]], Any]  # from what `state.to_dict()` gave, of this or an earlier version
+    load_state: Callable[[Mapping[str, Any]], Any]  # from what `state.to_dict()` gave
     decide: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, decision, options) → state, estimate
     inspect: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, inspection, options) → state, estimate
     change: Callable[..., tuple[Any, Any]] | None = None  # (rig, state, change, options) → state, estimate

@@ -122,3 +122,18 @@ def test_events_that_repeat_a_window_refer_to_it_and_get_its_record_back(where):
             db.execute(sa.delete(WINDOWS).where(WINDOWS.c.start_ns == 8))  # it was thinned
         left = store.events("unsw", 0)
         assert left == (*before[:2], before[3]) and store.events("unsw", 0, 3) == left
+
+
+def test_a_backup_of_before_the_first_release_is_refused_and_nothing_is_restored(tmp_path, capsys):
+    data, archive, empty = tmp_path / "data", tmp_path / "old.zip", tmp_path / "empty"
+    empty.mkdir()
+    SqlStore(data / DATABASE).close()
+    with closing(sqlite3.connect(data / DATABASE)) as db:
+        db.execute("UPDATE alembic_version SET version_num = '0008'")
+        db.commit()
+    assert run(["backup", str(archive), "--data", str(data)]) == 0
+    capsys.readouterr()
+    assert run(["restore", str(archive), "--data", str(empty)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith(f"gear-twin: the database of {archive} has tables from before the first release"), said
+    assert not [path for path in empty.iterdir() if path.name != "service.lock"]
