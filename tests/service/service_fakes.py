@@ -7,14 +7,23 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
+from pathlib import Path
 
+import numpy as np
+
+from service.alarms.keeper import AlarmKeeper
+from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
+from service.results.baseline_store import BaselineStore
 from service.results.board import Board
+from service.results.data_folder import BASELINES, WAITING
 from service.results.sql_store import SqlStore
+from twin.windows import Edges, Window
 
 START_NS = 1_700_000_000_000_000_000
 SHARE = {"combined": 1.0, "pinion": 0.7324, "gear": 0.2676}
 END_OF_LIFE_UM = 500.0
+WINDOW = Window(start_time_ns=7, encoders={"pinion": Edges(per_rev=1, first_index=0, times=np.arange(5.0))})
 
 
 def depth_um(revolutions: float) -> float:
@@ -274,6 +283,29 @@ def campaign(store: SqlStore, board: Board | None, asset: str = "unsw", windows:
             )  # fmt: skip
 
 
+def fill(store: SqlStore, data: Path) -> None:
+    """Something in every table but the audit's, with the files in `data` that the rows name."""
+    campaign(store, None)
+    campaign(store, None, "other", windows=3)
+    store.add_decision("unsw", "misalignment", "pin", "Anna")
+    store.add_inspection("unsw", {"revolutions": 10.0}, {})
+    life = AssetLife(store.database, data / WAITING)
+    life.add_change("unsw", "retired", {"by": "Anna"})
+    life.route("stream", "unsw")
+    assert life.add_waiting("other", WINDOW)
+    baselines = BaselineStore(store.database, data / BASELINES)
+    path = baselines.new_path()
+    path.write_bytes(b"a baseline")
+    baselines.use("unsw", path.name, {"by": "Anna"})
+    alarms = AlarmStore(store.database)
+    alarms.keep_memory("unsw", alarms.memory("unsw"))
+    alarms.enqueue("http://127.0.0.1:9/", {"alarm": 1}, 1)
+    alarms.keep_rules("other", [], {"by": "Anna", "note": "", "at": ""})
+    keeper = AlarmKeeper(alarms)
+    keeper.data("unsw", {"level": "stale", "reason": "no frame for 2 h"})
+    assert keeper.open("unsw")
+
+
 def life_of(store, asset: str) -> AssetLife:
     """The life of the assets of a store; of a front end's, that of the asset's partition."""
     own = store.stores.of(asset) if hasattr(store, "stores") else store
@@ -292,6 +324,3 @@ def rename(store, board, asset: str, name: str) -> None:
         store.note(name, [("change", {"id": number, "kind": "renamed", "name": name, "effect": effect})])
     board.rename(asset, name)
     board.update(name, last_event_id=store.last_event_id(name))
-
-
-__all__ = ["FAULT", "campaign", "depth_um", "life_of", "little_known_report", "record", "rename", "report", "take"]

@@ -11,7 +11,6 @@ from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import service_fakes as fakes
 
@@ -25,30 +24,14 @@ from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, DATABASE, SIGNALS, WAITING, only_service_of
 from service.results.sql_store import SqlStore
 from service.results.window_file import read_window
-from twin.windows import Edges, Window
 
 ROOT = Path(__file__).parents[2]
-WINDOW = Window(start_time_ns=7, encoders={"pinion": Edges(per_rev=1, first_index=0, times=np.arange(5.0))})
 
 
 def fill(data, where):
     """Something of everything."""
     with SqlStore(where) as store:
-        fakes.campaign(store, None)
-        fakes.campaign(store, None, "other", windows=3)
-        store.add_decision("unsw", "misalignment", "pin", "Anna")
-        store.add_inspection("unsw", {"revolutions": 10.0}, {})
-        life = AssetLife(store.database, data / WAITING)
-        life.add_change("unsw", "retired", {"by": "Anna"})
-        life.route("stream", "unsw")
-        assert life.add_waiting("other", WINDOW)
-        baselines = BaselineStore(store.database, data / BASELINES)
-        path = baselines.new_path()
-        path.write_bytes(b"a baseline")
-        baselines.use("unsw", path.name, {"by": "Anna"})
-        alarms = AlarmStore(store.database)
-        alarms.keep_memory("unsw", alarms.memory("unsw"))
-        alarms.enqueue("http://127.0.0.1:9/", {"alarm": 1}, 1)
+        fakes.fill(store, data)
     (data / SIGNALS / "unsw").mkdir(parents=True)
     (data / SIGNALS / "unsw" / "00000001_1_none_k.npz").write_bytes(b"signals")
 
@@ -114,7 +97,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
             life = AssetLife(store.database, data / WAITING)
             index = 14
             while not stop.is_set():
-                life.add_waiting("unsw", replace(WINDOW, start_time_ns=index))
+                life.add_waiting("unsw", replace(fakes.WINDOW, start_time_ns=index))
                 (entry,) = life.waiting("unsw")
                 with life.transaction():
                     fakes.take(store, None, "unsw", index, 100.0 * index)

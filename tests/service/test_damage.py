@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gzip
 import random
 import sqlite3
 from contextlib import closing
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
 import service_fakes as fakes
@@ -19,8 +17,6 @@ from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.json_columns import dump, load
 from service.results.sql_store import SqlStore
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
@@ -128,10 +124,11 @@ FLIPS = 150
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    """A database with every table filled, as one file."""
-    path = tmp_path_factory.mktemp("sound") / "sound.sqlite"
-    path.write_bytes(gzip.decompress((ROOT / "tests" / "data" / "store_v8.sqlite.gz").read_bytes()))
-    SqlStore(path).close()
+    """A database with something in every table, as one file."""
+    data = tmp_path_factory.mktemp("sound")
+    path = data / "sound.sqlite"
+    with SqlStore(path) as store:
+        fakes.fill(store, data)
     with closing(sqlite3.connect(path)) as db:
         db.execute("PRAGMA journal_mode = DELETE")
         db.execute("VACUUM")
