@@ -34,6 +34,7 @@ from service.results.baseline_store import BaselineStore
 from service.results.board import Shown
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
+from service.results.names import Names
 from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
 
@@ -56,6 +57,7 @@ def create_app(
     signals: KeptSignals | None = None,
     alarms: AlarmKeeper | None = None,
     changes: ChangeQueue | None = None,
+    names: Names | None = None,
     baselines: BaselineStore | Callable[[str], BaselineStore] | None = None,
     access: Access | None = None,
     limits: Limits | None = None,
@@ -73,6 +75,7 @@ def create_app(
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
     changes    where changes of assets are submitted; None where nobody carries them out: they are kept
+    names      of the assets; None for those of the store's database
     baselines  healthy baselines of single assets, or where those of an asset are kept; None where none are
     access     whom it lets in; None for clients of this computer alone
     limits     what one client may ask of it; None for the usual ones, under any name
@@ -95,6 +98,7 @@ def create_app(
     app.state.library = None if signals is None else _library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.changes = changes or _changes_in(store)
+    app.state.names = names or Names(store.database)
     app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
     app.state.unserved = unserved
     app.state.incoming = incoming or incoming_routes.Incoming()

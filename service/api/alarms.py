@@ -16,7 +16,7 @@ from service.api.assets import ERRORS, LARGEST
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import snapshot_of
+from service.api.reading import asset_of, snapshot_of
 from service.contract.alarms import Alarm
 from service.contract.base import AnswerModel
 from service.results.status_events import status_events
@@ -104,8 +104,7 @@ def all_alarms(request: Request, query: Annotated[AlarmQuery, Query()]) -> Any:
 @needs(Role.read)
 def alarms(request: Request, asset: str, query: Annotated[AlarmQuery, Query()]) -> Any:
     """Alarms of one asset with their history, most urgent first."""
-    snapshot_of(request, asset)
-    return JSONResponse(_listed(request, asset, query))
+    return JSONResponse(_listed(request, asset_of(request, asset), query))
 
 
 def _listed(request: Request, asset: str | None, query: AlarmQuery) -> list[Any]:
@@ -122,27 +121,28 @@ def _listed(request: Request, asset: str | None, query: AlarmQuery) -> list[Any]
 def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge", "clear"], given: SignedIn) -> Any:
     """Acknowledges or clears an open alarm by name; a cleared quantity still beyond its limit is raised again."""
     before = snapshot_of(request, asset)
+    own = before.asset
     keeper, store, board = request.app.state.alarms, request.app.state.store, request.app.state.board
-    known = keeper.store.alarm(asset, number) if 0 < number <= LARGEST else None
+    known = keeper.store.alarm(own, number) if 0 < number <= LARGEST else None
     if known is None:
-        numbers = ", ".join(str(alarm["id"]) for alarm in keeper.open(asset)) or "none"
+        numbers = ", ".join(str(alarm["id"]) for alarm in keeper.open(own)) or "none"
         return problem(request, 404, f"{asset} has no alarm {number}; open alarms: {numbers}")
     with keeper.transaction():
-        done = keeper.sign(asset, number, VERBS[verb], signer(request, given.by) or "", given.note.strip())
-        open_now = keeper.open(asset)
+        done = keeper.sign(own, number, VERBS[verb], signer(request, given.by) or "", given.note.strip())
+        open_now = keeper.open(own)
         if done is not None:
             shown = replace(before, alarms=open_now)
-            store.note(asset, (*done[1], *status_events(before, *shown.health())))
+            store.note(own, (*done[1], *status_events(before, *shown.health())))
             what = {"alarm": number, "quantity": known["quantity"], "place": known["place"]}
             request.app.state.audit.enter(
                 request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
             )
-        last = store.last_event_id(asset)
-    board.update(asset, alarms=open_now, last_event_id=last)  # also of an attempt of which nobody knew that it was done
-    keeper.changed(asset)
+        last = store.last_event_id(own)
+    board.update(own, alarms=open_now, last_event_id=last)  # also of an attempt of which nobody knew that it was done
+    keeper.changed(own)
     if done is None:
         return problem(request, 409, _refusal(number, known))
-    return JSONResponse(keeper.store.alarm(asset, number))
+    return JSONResponse(keeper.store.alarm(own, number))
 
 
 def _refusal(number: int, alarm: Any) -> str:
@@ -156,8 +156,7 @@ def _refusal(number: int, alarm: Any) -> str:
 @needs(Role.read)
 def rules(request: Request, asset: str) -> Any:
     """The alarm rules of one asset, and how far limits have been learned."""
-    snapshot_of(request, asset)
-    return JSONResponse(_rules(request, asset))
+    return JSONResponse(_rules(request, asset_of(request, asset)))
 
 
 @router.put(
@@ -169,7 +168,7 @@ def rules(request: Request, asset: str) -> Any:
 @needs(Role.administer)
 def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
     """Gives one asset alarm rules of its own; alarms whose rule is gone end with the next window."""
-    snapshot_of(request, asset)
+    own = asset_of(request, asset)
     try:
         checked = RuleFile.model_validate({"rule": [rule.model_dump() for rule in given.rules]})
     except ValidationError as error:
@@ -177,10 +176,8 @@ def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
     by, note = signer(request, given.by) or "", given.note.strip()
     what = {"rules": [rule.name for rule in checked.rule]}
     keeper = request.app.state.alarms
-    audited(
-        request, "alarm rules", asset, lambda: keeper.set_rules(asset, checked.rule, by, note), note=note, what=what
-    )
-    return JSONResponse(_rules(request, asset))
+    audited(request, "alarm rules", asset, lambda: keeper.set_rules(own, checked.rule, by, note), note=note, what=what)
+    return JSONResponse(_rules(request, own))
 
 
 def _rules(request: Request, asset: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import shown_of, snapshot_of
+from service.api.reading import asset_of, shown_of
 from service.contract import asset_life as models
 from service.contract.base import iso_time
 from service.contract.rest import AssetSummary
@@ -48,16 +48,18 @@ def begin_asset(
 ) -> JSONResponse:
     """An asset is created, or an unknown one is adopted; 409 where there is one of that name."""
     board, store = request.app.state.board, request.app.state.store
-    if asset in store.assets() or asset in request.app.state.changes.life.routes():
-        return problem(request, 409, f"there is an asset {asset!r} already, or one that was called so")
     signed = signer(request, by)
 
     def kept() -> None:
+        request.app.state.names.demand_free(asset)
         store.note(asset, [("change", {"kind": kind, "by": signed, "note": note})])
         if rig is not None:
             store.keep_rig(asset, rig)
 
-    audited(request, f"asset {kind}", asset, kept, note=note, what={"rig": rig is not None})
+    try:
+        audited(request, f"asset {kind}", asset, kept, note=note, what={"rig": rig is not None})
+    except InputError as error:
+        return problem(request, 409, str(error))
     shown = board.update(asset, rig=rig, last_event_id=store.last_event_id(asset))
     return JSONResponse(shown.summary(), 201)
 
@@ -66,8 +68,8 @@ def begin_asset(
 @needs(Role.read)
 def changes(request: Request, asset: str) -> Any:
     """What people have changed on the asset, oldest first."""
-    snapshot_of(request, asset)
-    return JSONResponse([_answer(c) for c in request.app.state.changes.life.changes(asset) if c.refused is None])
+    found = request.app.state.changes.life.changes(asset_of(request, asset))
+    return JSONResponse([_answer(asset, c) for c in found if c.refused is None])
 
 
 @router.post(
@@ -79,18 +81,18 @@ def changes(request: Request, asset: str) -> Any:
 @needs(Role.operate)
 async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
     """Enters a change, or answers the open question; 202 where it is queued and applied after the current window."""
-    await shown_of(request, asset)
+    own = (await shown_of(request, asset)).asset
     queue = request.app.state.changes
     about = {**given.kept(), "by": signer(request, given.by)}
     about = {name: value for name, value in about.items() if value is not None}
 
     def kept() -> int:
-        submit = partial(queue.submit, asset, given.kind, about)
+        submit = partial(queue.submit, own, given.kind, about)
         number = audited(request, given.kind, asset, submit, note=given.note, what=about, queued="change")
         queue.asked.set()  # the transaction is committed now
         return number
 
-    return await answer_change(request, await run_in_threadpool(kept))
+    return await answer_change(request, asset, await run_in_threadpool(kept))
 
 
 def signed(request: Request, by: str | None, note: str | None) -> dict[str, str]:
@@ -98,29 +100,29 @@ def signed(request: Request, by: str | None, note: str | None) -> dict[str, str]
     return {name: value for name, value in (("by", signer(request, by)), ("note", note)) if value is not None}
 
 
-async def answer_change(request: Request, number: int) -> JSONResponse:
+async def answer_change(request: Request, asset: str, number: int) -> JSONResponse:
     """The answer once a change has been carried out or refused, or as long as it is queued."""
     queue = request.app.state.changes
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
-        return JSONResponse(_answer(await run_in_threadpool(queue.life.change, number)), 202)
+        return JSONResponse(_answer(asset, await run_in_threadpool(queue.life.change, number)), 202)
     if done.refused is not None:
         return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
-    return JSONResponse(_answer(done), 201)
+    return JSONResponse(_answer(asset, done), 201)
 
 
 @router.get("/{asset}/epochs", response_model=list[models.Epoch], responses=ERRORS)
 @needs(Role.read)
 def epochs(request: Request, asset: str) -> Any:
     """The gears that the asset has had, each with its windows; `?epoch=` of `/windows` and `/trend` reads them."""
-    snapshot_of(request, asset)
-    return JSONResponse([dict(e) for e in request.app.state.store.epochs(asset)])
+    return JSONResponse([dict(e) for e in request.app.state.store.epochs(asset_of(request, asset))])
 
 
-def _answer(change: StoredChange) -> dict[str, Any]:
+def _answer(asset: str, change: StoredChange) -> dict[str, Any]:
+    renamed = change.kind == "renamed" and change.done and change.refused is None
     return {
         "id": change.id,
-        "asset": change.asset,
+        "asset": change.given["name"] if renamed else asset,
         "kind": change.kind,
         "received": iso_time(change.received_ns),
         **{name: change.given.get(name) for name in models.OPTIONAL},

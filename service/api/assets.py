@@ -16,7 +16,7 @@ from service.api.audit import audited
 from service.api.conditional import answer
 from service.api.guard import Guarded, needs
 from service.api.problems import responses
-from service.api.reading import shown_of, snapshot_of
+from service.api.reading import asset_of, shown_of
 from service.contract import rest as models
 from service.contract.answer import Asset
 from service.contract.base import NotAvailable, not_available
@@ -122,11 +122,10 @@ def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()])
 
 def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWindow, ...]:
     """Windows from the store."""
-    snapshot_of(request, asset)
-    store = request.app.state.store
+    own, store = asset_of(request, asset), request.app.state.store
     if query.resolution is not None:
-        return store.outline(asset, query.resolution, query.after, query.epoch)
-    return store.windows(asset, query.after, query.limit, query.every, query.epoch)
+        return store.outline(own, query.resolution, query.after, query.epoch)
+    return store.windows(own, query.after, query.limit, query.every, query.epoch)
 
 
 @router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)
@@ -145,8 +144,8 @@ def inspections(
     limit: Annotated[int, Query(ge=1, le=10_000, description="at most this many")] = 1000,
 ) -> Any:
     """The inspections kept, each with the twin's figure at the time it was received."""
-    snapshot_of(request, asset)
-    return JSONResponse(list(request.app.state.store.inspections(asset, after, limit)))
+    own = asset_of(request, asset)
+    return JSONResponse(list(request.app.state.store.inspections(own, after, limit)))
 
 
 @router.post(
@@ -158,12 +157,12 @@ def inspections(
 @needs(Role.operate)
 async def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
     """A measured wear depth becomes part of the estimate; answers with the twin's own figure and what it changed."""
-    await shown_of(request, asset)
+    own = (await shown_of(request, asset)).asset
     queue, store, given = request.app.state.queue, request.app.state.store, inspection.model_dump()
-    twin = compare(given, await run_in_threadpool(trend_around, store, asset, inspection.revolutions))
+    twin = compare(given, await run_in_threadpool(trend_around, store, own, inspection.revolutions))
 
     def submitted() -> int:
-        submit = partial(queue.submit_inspection, asset, given, {**twin, **refusal(WAITS)})
+        submit = partial(queue.submit_inspection, own, given, {**twin, **refusal(WAITS)})
         number = audited(request, "inspection", asset, submit, what=given, queued="inspection")
         queue.asked.set()  # the transaction is committed now
         return number

@@ -17,7 +17,7 @@ from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.limits import LONGEST_TARGET
 from service.api.problems import problem, responses
-from service.api.reading import shown_of, snapshot_of
+from service.api.reading import asset_of, shown_of
 from service.contract.baseline import AssetBaseline, Baseline
 from service.errors import FAULT, InputError
 from service.results.baseline_store import BaselineStore
@@ -61,8 +61,7 @@ QUEUED: dict[int | str, dict[str, Any]] = {
 @needs(Role.read)
 def baseline(request: Request, asset: str) -> Any:
     """The asset's own healthy baseline, and what it suffices for."""
-    snapshot_of(request, asset)
-    return JSONResponse(_shown(request, asset))
+    return JSONResponse(_shown(request, asset_of(request, asset)))
 
 
 @router.put(
@@ -82,8 +81,8 @@ async def put(
     ] = None,
 ) -> Any:
     """Gives the asset a baseline as a file, as `gear-twin baseline` writes it."""
-    await shown_of(request, asset)
-    store = _store(request, asset)
+    own = (await shown_of(request, asset)).asset
+    store = _store(request, own)
     if store is None:
         return problem(request, 409, NOT_KEPT)
     data = bytearray()
@@ -99,7 +98,7 @@ async def put(
         path = store.new_path()
         path.write_bytes(data)
         try:
-            demand_same_teeth(read_baseline(path), asset, request.app.state.store)
+            demand_same_teeth(read_baseline(path), own, request.app.state.store)
         except InputError as error:
             path.unlink(missing_ok=True)
             raise InputError(str(error).replace(str(path), "the file")) from None
@@ -109,7 +108,7 @@ async def put(
         file = await run_in_threadpool(taken)
     except InputError as error:
         return problem(request, 409, str(error))
-    return await _submitted(request, asset, "baseline_given", {"file": file, "by": by, "note": note})
+    return await _submitted(request, asset, own, "baseline_given", {"file": file, "by": by, "note": note})
 
 
 @router.post(
@@ -121,16 +120,16 @@ async def put(
 @needs(Role.administer)
 async def learn(request: Request, asset: str, given: LearnIn) -> Any:
     """Learns the asset's baseline from chosen windows of its own, in place of the earlier one or added to it."""
-    await shown_of(request, asset)
-    state, store = request.app.state, _store(request, asset)
+    own = (await shown_of(request, asset)).asset
+    state, store = request.app.state, _store(request, own)
     if store is None or state.signals is None:
         return problem(request, 409, NOT_KEPT)
 
     def learned() -> str:
         from service.results.baseline_learning import learn_from_windows, written
 
-        before = store.path(asset) if given.add else None
-        found = learn_from_windows(asset, given.windows, state.store, state.signals, state.changes.life, before)
+        before = store.path(own) if given.add else None
+        found = learn_from_windows(own, given.windows, state.store, state.signals, state.changes.life, before)
         return written(found, store.new_path()).name
 
     try:
@@ -144,28 +143,33 @@ async def learn(request: Request, asset: str, given: LearnIn) -> Any:
         "by": given.by,
         "note": given.note,
     }
-    return await _submitted(request, asset, "baseline_given", about, 201)
+    return await _submitted(request, asset, own, "baseline_given", about, 201)
 
 
 @router.delete("/{asset}/baseline", response_model=AssetBaseline, responses=QUEUED | responses(404, 409, 422, 500))
 @needs(Role.administer)
 async def remove(request: Request, asset: str, by: Annotated[str | None, Query(max_length=200)] = None) -> Any:
     """Leaves the asset without a baseline of its own."""
-    await shown_of(request, asset)
-    if _store(request, asset) is None:
+    own = (await shown_of(request, asset)).asset
+    if _store(request, own) is None:
         return problem(request, 409, NOT_KEPT)
-    return await _submitted(request, asset, "baseline_removed", {"by": by})
+    return await _submitted(request, asset, own, "baseline_removed", {"by": by})
 
 
-async def _submitted(request: Request, asset: str, kind: str, about: dict[str, Any], status: int = 200) -> Any:
-    """The answer after a baseline has come into use, between two windows; 202 with the earlier one while it waits."""
+async def _submitted(
+    request: Request, name: str, asset: str, kind: str, about: dict[str, Any], status: int = 200
+) -> Any:
+    """The answer after a baseline has come into use, between two windows; 202 with the earlier one while it waits.
+
+    name  of the asset
+    """
     queue = request.app.state.changes
     about = {**about, "by": signer(request, about.get("by"))}
     given = {name: value for name, value in about.items() if value is not None}
 
     def kept() -> int:
         submit = partial(queue.submit, asset, kind, given)
-        number = audited(request, kind, asset, submit, note=given.get("note"), what=given, queued="change")
+        number = audited(request, kind, name, submit, note=given.get("note"), what=given, queued="change")
         queue.asked.set()  # the transaction is committed now
         return number
 

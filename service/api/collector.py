@@ -66,7 +66,7 @@ class AssetCollector(Collector):
         """The metrics of the assets; what `figures` has of them is taken out there."""
         snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
         self._choose({snapshot.asset for snapshot in snapshots}, most)
-        gathered = _Gathered(self._labelled)
+        gathered = _Gathered(self._labelled, {s.asset: s.name for s in snapshots})
         for snapshot in snapshots:
             _add_asset(gathered, snapshot)
         for name, verbs in self._decision_counts(bool(figures.get("storage_unavailable"))).items():
@@ -94,15 +94,16 @@ class AssetCollector(Collector):
 class _Gathered:
     """Values of assets by metric and labels, with those of assets beyond the bound added up."""
 
-    def __init__(self, labelled: set[str]) -> None:
-        self._labelled = labelled
+    def __init__(self, labelled: set[str], names: Mapping[str, str]) -> None:
+        """names  what assets are called now"""
+        self._labelled, self._names = labelled, names
         self._values: dict[str, dict[tuple[str, ...], float]] = {entry.name: {} for entry in OF_ASSETS}
 
     def add(self, name: str, labels: tuple[str, ...], value: float) -> None:
         """One value; the asset is the first label."""
         values = self._values[name]
         if labels[0] in self._labelled:
-            values[labels] = value
+            values[self._names[labels[0]], *labels[1:]] = value
             return
         how, key = METRICS[name].others, (OTHERS, *labels[1:])
         if how != "none":

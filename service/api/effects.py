@@ -14,7 +14,7 @@ from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import shown_of, snapshot_of
+from service.api.reading import asset_of, shown_of
 from service.contract import rest as models
 from service.contract.attribution import Tracing
 from service.contract.base import NotAvailable
@@ -45,8 +45,8 @@ async def tracing(request: Request, asset: str) -> Any:
 @needs(Role.read)
 def decisions(request: Request, asset: str) -> Any:
     """Decisions on the asset's effects, oldest first."""
-    snapshot_of(request, asset)
-    return JSONResponse([_answer(d) for d in request.app.state.store.decisions(asset) if d.refused is None])
+    found = request.app.state.store.decisions(asset_of(request, asset))
+    return JSONResponse([_answer(asset, d) for d in found if d.refused is None])
 
 
 @router.post(
@@ -57,7 +57,7 @@ def decisions(request: Request, asset: str) -> Any:
 @needs(Role.operate)
 async def decide(request: Request, asset: str, name: str, given: models.DecisionIn) -> Any:
     """Accepts, rejects, pins or releases an effect; 202 where it is queued and applied after the current window."""
-    await shown_of(request, asset)
+    own = (await shown_of(request, asset)).asset
     from twin.effects import EFFECTS  # loads half of the twin, which a start does without
 
     if name not in EFFECTS or name == "none":
@@ -68,7 +68,7 @@ async def decide(request: Request, asset: str, name: str, given: models.Decision
     by = signer(request, given.by)
 
     def kept() -> int:
-        submit = partial(queue.submit, asset, name, given.decision, by, note)
+        submit = partial(queue.submit, own, name, given.decision, by, note)
         what = {"effect": name, "decision": given.decision}
         number = audited(request, "decision", asset, submit, note=note, what=what, queued="decision")
         queue.asked.set()  # the transaction is committed now
@@ -77,16 +77,16 @@ async def decide(request: Request, asset: str, name: str, given: models.Decision
     number = await run_in_threadpool(kept)
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
-        return JSONResponse(_answer(await run_in_threadpool(store.decision, number)), 202)
+        return JSONResponse(_answer(asset, await run_in_threadpool(store.decision, number)), 202)
     if done.refused is not None:
         return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
-    return JSONResponse(_answer(done))
+    return JSONResponse(_answer(asset, done))
 
 
-def _answer(decision: StoredDecision) -> dict[str, Any]:
+def _answer(asset: str, decision: StoredDecision) -> dict[str, Any]:
     return {
         "id": decision.id,
-        "asset": decision.asset,
+        "asset": asset,
         "name": decision.name,
         "decision": decision.verb,
         "received_ns": decision.received_ns,

@@ -1,6 +1,6 @@
 """Server-sent events of one asset: read from the store by id, so that a reader that was away misses none.
 
-The last event under a name is the change that gives the asset another one; a reader goes on there, behind its id.
+A reader that has begun under a name that the asset has no longer is told the rest all the same.
 """
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.guard import Guarded, credential_of, needs
-from service.api.last_events import last_events
 from service.api.problems import responses
 from service.api.reading import shown_of
-from service.results.asset_life import AssetLife
 from service.results.board import Shown
 from service.results.store import Event, ResultStore
 
@@ -62,7 +60,7 @@ async def events(
     stream = _stream(
         request.app.state.board,
         request.app.state.store,
-        request.app.state.changes.life,
+        snapshot.asset,
         asset,
         snapshot.last_event_id if start is None else start,
         lambda: access.still(who, credential),
@@ -71,11 +69,11 @@ async def events(
 
 
 async def _stream(
-    board: Shown, store: ResultStore, life: AssetLife, asset: str, after: int, admitted: Callable[[], bool]
+    board: Shown, store: ResultStore, asset: str, name: str, after: int, admitted: Callable[[], bool]
 ) -> AsyncIterator[ServerSentEvent]:
-    """Events until the service ends, the asset has another name, or the credential has expired or been revoked."""
+    """Events until the service ends, or the credential has expired or been revoked."""
     with board.changes(asset) as changed:
-        yield ServerSentEvent(comment=f"events of {asset} after {after}", retry=RETRY_MS)
+        yield ServerSentEvent(comment=f"events of {name} after {after}", retry=RETRY_MS)
         while not board.closed and admitted():
             changed.clear()  # before reading: what comes while reading sets it again
             page = await run_in_threadpool(store.events, asset, after, PAGE)
@@ -83,18 +81,9 @@ async def _stream(
                 yield _sent(event)
                 after = event.id
                 await asyncio.sleep(0)  # the loop learns here that a reader has gone, and cancels this stream
-            if not page and await _is_gone(board, asset):
-                async for event in last_events(store, life, asset, after, PAGE):
-                    yield _sent(event)
-                return
             if len(page) < PAGE and not board.closed:
                 with suppress(TimeoutError):
                     await asyncio.wait_for(changed.wait(), PING_S)
-
-
-async def _is_gone(board: Shown, asset: str) -> bool:
-    """Whether no asset has this name any longer."""
-    return (board.get(asset) if board.in_memory else await run_in_threadpool(board.get, asset)) is None
 
 
 def _sent(event: Event) -> ServerSentEvent:

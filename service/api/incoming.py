@@ -110,7 +110,7 @@ async def unknown_assets(request: Request) -> Any:
 def adopt(request: Request, asset: str, given: Adoption) -> Any:
     """Makes an unknown asset one of this service's: its frames are used from now on."""
     found = _unknown(request).find(asset)
-    if request.app.state.board.get(asset) is None and found is None:
+    if request.app.state.board.find(asset) is None and found is None:
         return _not_listed(request, asset)
     offered = None if found is None else found.rig
     if given.rig is not None and (offered is None or digest_of(offered) != given.rig):
@@ -140,8 +140,7 @@ def dismiss(request: Request, asset: str, given: Reason) -> Any:
 def position(request: Request, asset: str) -> Any:
     """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
     incoming: Incoming = request.app.state.incoming
-    known = request.app.state.board.get(asset) is not None
-    if not known and incoming.unknown.find(asset) is None and asset not in request.app.state.changes.life.routes():
+    if incoming.unknown.find(asset) is None and request.app.state.names.is_free(asset):
         return _not_listed(request, asset)
     return JSONResponse(incoming.position(asset).model_dump(mode="json"))
 

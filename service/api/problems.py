@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import FAULT, StorageUnavailable, StoreError
+from service.results.names import Names
 from service.stream.wire.topics import NAME
 
 MEDIA_TYPE = "application/problem+json"
@@ -62,7 +63,7 @@ def install(app: FastAPI) -> None:
         name = None
         with suppress(StoreError):  # the answer is right without it
             if NAME.fullmatch(error.asset):  # else no asset can have had it
-                name = await run_in_threadpool(request.app.state.changes.life.present_name, error.asset)
+                name = await run_in_threadpool(_renamed, request.app.state.names, error.asset)
         known = ", ".join(error.known) or "none yet"
         if name is not None:
             detail = f"asset {error.asset!r} has another name now: {name!r}"
@@ -92,6 +93,12 @@ def install(app: FastAPI) -> None:
             "it may have been kept: look before you try again" if error.unknown else "nothing was kept, try again later"
         )
         return problem(request, 503, f"{error}; {kept}")
+
+
+def _renamed(names: Names, name: str) -> str | None:
+    """What the asset is called now that was called so before; None where none was."""
+    asset = names.labelled(name)
+    return None if asset is None else names.label(asset)
 
 
 class Faults:

@@ -14,18 +14,26 @@ from service.results.board import Shown, Snapshot
 T = TypeVar("T")
 
 
-def snapshot_of(request: Request, asset: str) -> Snapshot:
-    """The asset's snapshot; a 404 that names the known assets where there is none. It may wait for a database."""
+def snapshot_of(request: Request, name: str) -> Snapshot:
+    """The snapshot of the asset that is called so; a 404 that names the known assets where there is none.
+
+    It may wait for a database.
+    """
     board: Shown = request.app.state.board
-    snapshot = board.get(asset)
+    snapshot = board.find(name)
     if snapshot is None:
-        raise UnknownAsset(asset, board.assets())
+        raise UnknownAsset(name, board.names())
     return snapshot
 
 
-async def shown_of(request: Request, asset: str) -> Snapshot:
+def asset_of(request: Request, name: str) -> str:
+    """The id of the asset that is called so, as `snapshot_of`."""
+    return snapshot_of(request, name).asset
+
+
+async def shown_of(request: Request, name: str) -> Snapshot:
     """As `snapshot_of`, for routes that must not wait."""
-    return await in_thread(request, lambda: snapshot_of(request, asset))
+    return await in_thread(request, lambda: snapshot_of(request, name))
 
 
 async def in_thread(request: Request, read: Callable[[], T]) -> T:

@@ -35,7 +35,7 @@ def report(
     from service.report import FORMATS, rendered, report_of
 
     snapshot = snapshot_of(request, asset)
-    history = request.app.state.store.outline(asset, POINTS)
+    history = request.app.state.store.outline(snapshot.asset, POINTS)
     latest = list(snapshot.whole["windows"])
     first = latest[0]["index"] if latest else 0
     records = [w.record for w in history if w.record["index"] < first] + latest

@@ -68,9 +68,9 @@ async def rig_proposals(request: Request) -> Any:
 @needs(Role.administer)
 async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
-    await shown_of(request, asset)
+    own = (await shown_of(request, asset)).asset
     proposals, queue = _proposals(request), request.app.state.changes
-    proposal = await in_thread(request, lambda: proposals.find(asset))
+    proposal = await in_thread(request, lambda: proposals.find(own))
     if proposal is None or proposal.digest != given.digest:
         now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
         return problem(request, 409, f"{asset}: the rig file {given.digest} is not proposed; {now}")
@@ -82,12 +82,12 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
 
     def kept() -> int:
         what = {"digest": digest, "differences": len(_differences(request, found))}
-        submit = partial(queue.submit, asset, kind, about)
+        submit = partial(queue.submit, own, kind, about)
         number = audited(request, kind, asset, submit, note=given.note, what=what, queued="change")
         queue.asked.set()  # the transaction is committed now
         return number
 
-    return await answer_change(request, await run_in_threadpool(kept))
+    return await answer_change(request, asset, await run_in_threadpool(kept))
 
 
 def _proposals(request: Request) -> ProposalList:
@@ -102,8 +102,9 @@ def _differences(request: Request, proposal: Proposal) -> list[dict[str, str | N
 
 
 def _shown(request: Request, proposal: Proposal) -> dict[str, Any]:
+    snapshot = request.app.state.board.get(proposal.asset)
     return {
-        "asset": proposal.asset,
+        "asset": proposal.asset if snapshot is None else snapshot.name,
         "digest": proposal.digest,
         "received": iso_time(proposal.received_ns),
         "name": None if proposal.rig.get("name") is None else str(proposal.rig["name"]),

@@ -15,7 +15,7 @@ from service.access.roles import Role
 from service.api.assets import HistoryQuery, history
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import snapshot_of
+from service.api.reading import asset_of
 from service.contract import signals as models
 from service.contract.base import iso_time
 from service.errors import NotKept
@@ -101,9 +101,8 @@ class IndicatorQuery(HistoryQuery):
 @needs(Role.read)
 def signals(request: Request, asset: str) -> Any:
     """Which windows' raw signals are kept, and what can be looked at of the newest."""
-    snapshot_of(request, asset)
-    library = _library(request)
-    kept = () if library is None else library.kept(asset)
+    own, library = asset_of(request, asset), _library(request)
+    kept = () if library is None else library.kept(own)
     channels: tuple[str, ...] = ()
     reason = None
     if library is None:
@@ -112,7 +111,7 @@ def signals(request: Request, asset: str) -> Any:
         reason = "no window's raw signals are kept yet"
     else:
         try:
-            channels = library.subject(asset, kept[-1].number, modelled=False).channels
+            channels = library.subject(own, kept[-1].number, modelled=False).channels
         except NotKept as error:
             reason = str(error)
     return JSONResponse(
@@ -134,21 +133,20 @@ Index = Annotated[int, Path(ge=0, le=LARGEST)]
 @needs(Role.read)
 def view(request: Request, asset: str, index: Index, view: ViewName, query: Annotated[ViewQuery, Query()]) -> Any:
     """One view of a window's signals, measured and, where there is a model, modelled."""
-    snapshot_of(request, asset)
-    library = _library(request)
+    own, library = asset_of(request, asset), _library(request)
     if library is None:
         return problem(request, 404, NOT_KEPT)
     if (query.band_low_hz is None) is not (query.band_high_hz is None):
         return problem(request, 422, "band_low_hz and band_high_hz must both be given, or neither")
     try:
-        found = library.view(asset, index, view, query.options(), query.modelled)
+        found = library.view(own, index, view, query.options(), query.modelled)
     except UnknownChannel as error:
         return problem(request, 404, str(error), channels=list(error.known))
     except NotKept as error:
-        return problem(request, 404, str(error), kept=[w.number for w in library.kept(asset)])
+        return problem(request, 404, str(error), kept=[w.number for w in library.kept(own)])
     except TwinError as error:
         return problem(request, 409, str(error))
-    start = next((w.start_ns for w in library.kept(asset) if w.number == index), None)
+    start = next((w.start_ns for w in library.kept(own) if w.number == index), None)
     started = None if start is None else iso_time(start)
     name = f"{asset}-{index}-{found.view}"
     if query.format == "csv":
@@ -167,14 +165,11 @@ def view(request: Request, asset: str, index: Index, view: ViewName, query: Anno
 @needs(Role.read)
 def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Query()]) -> Any:
     """Spectra of all windows that are kept over one another."""
-    snapshot_of(request, asset)
-    library = _library(request)
+    own, library = asset_of(request, asset), _library(request)
     if library is None:
         return problem(request, 404, NOT_KEPT)
     try:
-        found = library.waterfall(
-            asset, query.channel, query.view, rows=query.windows, bins=query.bins, high=query.x_to
-        )
+        found = library.waterfall(own, query.channel, query.view, rows=query.windows, bins=query.bins, high=query.x_to)
     except TwinError as error:
         return problem(request, 409, str(error))
     name = f"{asset}-waterfall-{query.view}"

@@ -31,7 +31,7 @@ def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
     from twin.state import State
 
     snapshot = snapshot_of(request, asset)
-    stored = request.app.state.store.asset(asset)
+    stored = request.app.state.store.asset(snapshot.asset)
     if stored.state is None or snapshot.rig is None:
         return problem(request, 409, f"no window of {asset} has been assessed yet")
     try:

@@ -94,6 +94,7 @@ class MqttBridge:
         # by asset: the newest event that was published; what happened before the first start is history
         self._events = kept.section("events") or known
         kept.keep("events", self._events)
+        self._names: dict[str, str] = {}  # by asset: under which it is published
         self._published: dict[str, bytes] = {}  # digest by topic of what the broker has since it was connected
         self._messages = 0
 
@@ -108,8 +109,9 @@ class MqttBridge:
             link.send(self._topic("service"), plant_service("online"), retain=True)
             link.settle()
             up()
-            gone = [asset for asset in self._events if self._board.get(asset) is None]
-            changes.note(*gone)
+            for name in self._kept.section("names"):
+                if self._board.find(name) is None:
+                    self._clear(link, name)
             while not stopping.is_set():
                 self._publish(link, changes.take(LOOK_EVERY))
                 link.demand_connection()
@@ -122,67 +124,55 @@ class MqttBridge:
 
     def _publish(self, link: _Link, assets: Sequence[str]) -> None:
         """Publishes what has changed of some assets; returns once the broker has acknowledged it."""
-        found = {asset: self._board.get(asset) for asset in assets}
-        left = {asset: self._events[asset] for asset, s in found.items() if s is None and asset in self._events}
-        events = dict(self._events)
-        for asset, snapshot in found.items():
+        events, names = dict(self._events), self._kept.section("names")
+        for asset in assets:
+            snapshot = self._board.get(asset)
             if snapshot is None:
-                self._clear(link, asset)
-                events.pop(asset, None)
                 continue
-            start = events[asset] if asset in events else self._published_before(asset, left)
-            events[asset] = self._publish_changes(link, asset, start, snapshot.last_event_id)
-            self._publish_state(link, asset, snapshot)
+            if (before := self._names.get(asset)) not in (None, snapshot.name):
+                self._clear(link, str(before))
+                names.pop(str(before), None)
+            self._names[asset] = snapshot.name
+            names[snapshot.name] = 1
+            events[asset] = self._publish_changes(link, snapshot, events.get(asset, 0))
+            self._publish_state(link, snapshot)
         link.settle()
         self._messages += link.take_count()
+        self._kept.keep("names", names)
         if events != self._events:
             self._events = events
             self._kept.keep("events", events)
 
-    def _published_before(self, asset: str, left: Mapping[str, int]) -> int:
-        """The newest event that was published of an asset under an earlier name; 0 where it is new.
-
-        left  by name that no asset has any longer: the newest event that was published
-        """
-        after = min(left.values(), default=None)
-        while after is not None and (page := self._store.events(asset, after, PAGE)):
-            for event in page:
-                was = (event.data.get("effect") or {}).get("was") if event.kind == "change" else None
-                if isinstance(was, str) and was in left:
-                    return left[was]
-            after = page[-1].id
-        return 0
-
-    def _publish_changes(self, link: _Link, asset: str, after: int, newest: int) -> int:
+    def _publish_changes(self, link: _Link, snapshot: Snapshot, after: int) -> int:
+        name, newest = snapshot.name, snapshot.last_event_id
         while after < newest:
-            page = self._store.events(asset, after, PAGE)
+            page = self._store.events(snapshot.asset, after, PAGE)
             for event in page:
                 if event.kind == "alarm":
-                    change = plant_alarm_change(asset, event.id, event.data)
-                    link.send(self._topic(asset, "alarm"), change, retain=False)
+                    link.send(self._topic(name, "alarm"), plant_alarm_change(name, event.id, event.data), retain=False)
             link.settle()
             after = page[-1].id if page else newest
         return after
 
-    def _publish_state(self, link: _Link, asset: str, snapshot: Snapshot) -> None:
-        now = iso_time(self._clock())
+    def _publish_state(self, link: _Link, snapshot: Snapshot) -> None:
+        name, now = snapshot.name, iso_time(self._clock())
         payloads: dict[str, Mapping[str, Any]] = {
             "result": plant_result(snapshot.whole, snapshot.rig, snapshot.alarms, now),
-            "alarms": plant_alarms(asset, snapshot.alarms, now),
+            "alarms": plant_alarms(name, snapshot.alarms, now),
         }
         if self._settings.mqtt_full_state:
             payloads["state"] = {key: value for key, value in snapshot.whole.items() if key != "windows"}
         for what, payload in payloads.items():
-            topic = self._topic(asset, what)
+            topic = self._topic(name, what)
             digest = _digest({key: value for key, value in payload.items() if key != "time"})
             if self._published.get(topic) != digest:
                 link.send(topic, payload, retain=what == "alarms" or self._settings.mqtt_retain)
                 self._published[topic] = digest
 
-    def _clear(self, link: _Link, asset: str) -> None:
-        """Ends what the broker has retained of an asset that has another name now."""
+    def _clear(self, link: _Link, name: str) -> None:
+        """Ends what the broker has retained of an asset that had this name."""
         for what in OF_ASSET:
-            topic = self._topic(asset, what)
+            topic = self._topic(name, what)
             self._published.pop(topic, None)
             link.send(topic, None, retain=True)
 

@@ -169,10 +169,7 @@ class OpcUaBridge:
 
     async def _show(self, space: _Space, assets: tuple[str, ...]) -> None:
         for asset in assets:
-            snapshot = self._board.get(asset)
-            if snapshot is None:
-                await space.remove(asset)
-            else:
+            if (snapshot := self._board.get(asset)) is not None:
                 self._writes += await space.show(snapshot)
             await asyncio.sleep(0)  # clients are answered between two assets
 
@@ -201,7 +198,8 @@ class _Space:
 
     def __init__(self, server: Server, namespace: Any, clock: Callable[[], datetime]) -> None:
         self._server, self._namespace, self._clock = server, namespace, clock
-        self._objects: dict[str, Node] = {}
+        self._names: dict[str, str] = {}  # under which assets are shown
+        self._objects: dict[str, Node] = {}  # by name
         self._written: dict[str, tuple[Any, ...]] = {}  # by node: value, quality and, of figures, time
         self._alarms: dict[str, dict[int, Mapping[str, Any]]] = {}  # that are open, by asset and number
 
@@ -212,7 +210,10 @@ class _Space:
 
     async def show(self, snapshot: Snapshot) -> int:
         """Writes what has changed of an asset; how many variables that are."""
-        asset, now = snapshot.asset, self._clock()
+        asset, now = snapshot.name, self._clock()
+        if (before := self._names.get(snapshot.asset)) not in (None, asset):
+            await self._remove(str(before))
+        self._names[snapshot.asset] = asset
         if asset not in self._objects:
             await self._add(asset)
         result = plant_result(snapshot.whole, snapshot.rig, snapshot.alarms, iso_time(0))
@@ -230,13 +231,10 @@ class _Space:
         await self._tell_alarms(snapshot)
         return written
 
-    async def remove(self, asset: str) -> None:
-        """Takes an asset away that has another name now."""
-        node = self._objects.pop(asset, None)
-        self._alarms.pop(asset, None)
-        self._written = {key: held for key, held in self._written.items() if not key.startswith(f"{asset}/")}
-        if node is not None:
-            await self._server.delete_nodes([node], recursive=True)
+    async def _remove(self, name: str) -> None:
+        """Takes the nodes away of an asset that has another name now."""
+        self._written = {key: held for key, held in self._written.items() if not key.startswith(f"{name}/")}
+        await self._server.delete_nodes([self._objects.pop(name)], recursive=True)
 
     async def _add(self, asset: str) -> None:
         node = await self._folder.add_object(self._id(asset), self._name(asset))
@@ -278,10 +276,10 @@ class _Space:
             was = before.get(number)
             if was is None or (was["level"], was["state"]) != (alarm["level"], alarm["state"]):
                 state = alarm["state"].replace("_", " ")
-                await self._event(snapshot.asset, f"{alarm['reason']} ({state})", SEVERITY_OF[alarm["level"]])
+                await self._event(snapshot.name, f"{alarm['reason']} ({state})", SEVERITY_OF[alarm["level"]])
         for number, alarm in before.items():
             if number not in now:
-                await self._event(snapshot.asset, f"{alarm['reason']} (closed)", SEVERITY_OF_END)
+                await self._event(snapshot.name, f"{alarm['reason']} (closed)", SEVERITY_OF_END)
 
     async def _event(self, asset: str, message: str, severity: int) -> None:
         self._events.event.SourceName, self._events.event.SourceNode = asset, self._id(asset)

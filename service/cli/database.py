@@ -117,6 +117,7 @@ def export(
     from service.results.archive import demand_present
     from service.results.export_rows import FORMS
     from service.results.export_rows import export as write
+    from service.results.names import Names
     from service.results.sql_store import SqlStore
 
     form = out.suffix.removeprefix(".")
@@ -128,10 +129,11 @@ def export(
     demand_present(where)
     span = {"begin_ns": _moment(begin, "--from", EARLIEST), "end_ns": _moment(end, "--to", LATEST)}
     with SqlStore(where) as store:
-        assets = asset or store.assets()
-        for name in assets:
-            if name not in store.assets():
-                raise InputError(f"there is no asset {name}; there are {', '.join(store.assets()) or 'none'}")
+        labels = Names(store.database).labels()
+        for name in asset or ():
+            if name not in labels.values():
+                raise InputError(f"there is no asset {name}; there are {', '.join(sorted(labels.values())) or 'none'}")
+        assets = {own: label for own, label in labels.items() if not asset or label in asset}
         count = write(store, out, form, what=what.value, assets=assets, **span)
     tell(f"{out}: {count} {what.value}")
 

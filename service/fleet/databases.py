@@ -21,7 +21,8 @@ from sqlalchemy.exc import DBAPIError
 from service.errors import StoreError
 from service.fleet.fence import ABANDONED, Fence, Fenced, lock
 from service.fleet.layout import Layout, expect_revision, schema_of, separate_numbers
-from service.fleet.naming import claim, renamed
+from service.fleet.naming import named
+from service.fleet.notices import ASSET, announce
 from service.fleet.releases import expect_tables
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.commit_marks import Mark
@@ -112,11 +113,8 @@ class PartitionTables(Postgresql):
         assert self._mark is not None
         return self._mark
 
-    def added(self, db: Connection, asset: str) -> None:
-        claim(db, asset, self.fence.partition, Layout(self.partitions))
-
-    def renamed(self, db: Connection, asset: str, name: str) -> None:
-        renamed(db, asset, name, self.fence.partition, Layout(self.partitions))
+    def named(self, db: Connection, asset: str, name: str) -> None:
+        named(db, asset, name, self.fence.partition, Layout(self.partitions))
 
     def _writer(self) -> Engine:
         """One connection, whose commits outlive a crash of the server from the first one on."""
@@ -139,10 +137,12 @@ def partition_backend(database: str, fence: Fence, partitions: int) -> Partition
 class SharedTables(Postgresql):
     """The tables of one partition, for a front end: all partitions share its connections.
 
+    partitions        of the fleet
     readers, writers  of all partitions
     """
 
     partition: int
+    partitions: int
     readers: Engine
     writers: Engine
     upgrades: bool = False
@@ -160,6 +160,11 @@ class SharedTables(Postgresql):
         lock(db, self.partition)
         expect_tables(db, self.partition)
 
+    def named(self, db: Connection, asset: str, name: str) -> None:
+        """An asset that a front end has made is the worker's from now on."""
+        named(db, asset, name, self.partition, Layout(self.partitions))
+        announce(db, self.partition, ASSET, asset)
+
 
 class Partitions:
     """The databases of all partitions over a few connections, opened when they are first asked for."""
@@ -174,7 +179,9 @@ class Partitions:
 
     def backend(self, partition: int) -> SharedTables:
         """The tables of one partition."""
-        return SharedTables(self._url, partition=partition, readers=self.readers, writers=self.writers)
+        return SharedTables(
+            self._url, partition=partition, partitions=self.count, readers=self.readers, writers=self.writers
+        )
 
     def close(self) -> None:
         """Closes all connections."""

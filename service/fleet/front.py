@@ -22,7 +22,7 @@ from service.errors import StoreError
 from service.fleet.databases import engine_of, made
 from service.fleet.front_board import FleetBoard
 from service.fleet.front_incoming import FleetProposals, FleetUnknown
-from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetSignals, baselines_of
+from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetNames, FleetSignals, baselines_of
 from service.fleet.front_position import FleetPositions
 from service.fleet.front_store import FleetStore
 from service.fleet.front_watch import FrontWatch
@@ -122,6 +122,7 @@ def serve_front(
             signals=FleetSignals(own.store, settings.data),
             alarms=own.alarms,
             changes=own.changes,
+            names=FleetNames(own.store),
             baselines=baselines_of(own.store, settings.data).of,
             access=access,
             limits=limits_of(settings),

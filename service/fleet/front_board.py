@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 SNAPSHOTS = 256  # that are kept, those that were asked for last; some 100 kB each
 _SUMMARY = sa.cast(ASSETS.c.summary, sa.Text)
-_ALL = sa.select(_SUMMARY).order_by(ASSETS.c.asset)
+_ALL = sa.select(_SUMMARY).order_by(ASSETS.c.label)
+_NAMES = sa.select(ASSETS.c.label).order_by(ASSETS.c.label)
+_LABELLED = sa.select(ASSETS.c.asset).where(ASSETS.c.label == sa.bindparam("of"))
 _RETIRED = ASSETS.c.summary["retired"].as_boolean()
 _AREAS = sa.select(
     ASSETS.c.area,
@@ -43,9 +45,9 @@ _AREAS = sa.select(
     sa.func.sum(ASSETS.c.summary["alarms"]["active"].as_integer()),
 ).group_by(ASSETS.c.area, ASSETS.c.level, _RETIRED)
 _STALE = (
-    sa.select(ASSETS.c.asset, ASSETS.c.volatile)
+    sa.select(ASSETS.c.label, ASSETS.c.volatile)
     .where(ASSETS.c.summary["data"].as_string() == "stale")
-    .order_by(ASSETS.c.asset)
+    .order_by(ASSETS.c.label)
 )
 _LEVELS = sa.select(ASSETS.c.level, sa.func.count()).group_by(ASSETS.c.level)
 
@@ -53,7 +55,6 @@ _LEVELS = sa.select(ASSETS.c.level, sa.func.count()).group_by(ASSETS.c.level)
 class _Seen(NamedTuple):
     """By what a snapshot is known to be the present one."""
 
-    partition: int
     version: int  # of the asset's row
     last_event_id: int
 
@@ -73,8 +74,6 @@ class FleetBoard:
 
     def get(self, asset: str) -> Snapshot | None:
         """The asset as it is committed; None where it has no row among all."""
-        if not NAME.fullmatch(asset):
-            return None
         seen = self._seen(asset)
         if seen is None:
             return None
@@ -85,6 +84,13 @@ class FleetBoard:
                 return kept[1]
         return self._make(asset)
 
+    def find(self, name: str) -> Snapshot | None:
+        """The asset that is called so now."""
+        if not NAME.fullmatch(name):
+            return None
+        rows = self._store.database.rows(_LABELLED, {"of": name})
+        return self.get(rows[0][0]) if rows else None
+
     def update(self, asset: str, **changes: Any) -> Snapshot:
         """Shows what has just been committed of an asset: it is read again, with its changes."""
         with self._lock:
@@ -94,27 +100,18 @@ class FleetBoard:
 
     def _seen(self, asset: str) -> _Seen | None:
         """How far the asset is by now; None where it has no row."""
-        places = self._store.places
-        while True:
-            partition = places.partition_of(asset)
-            events = tables_of(partition)["events"]
-            last = sa.select(sa.func.coalesce(sa.func.max(events.c.id), 0)).where(events.c.asset == asset)
-            row = sa.select(ASSETS.c.partition, ASSETS.c.version, last.scalar_subquery()).where(ASSETS.c.asset == asset)
-            rows = self._store.database.rows(row)
-            if not rows:
-                places.forget([asset])
-                return None
-            seen = _Seen(*rows[0])
-            places.note(asset, seen.partition)
-            if seen.partition == partition:
-                return seen
+        events = tables_of(self._store.places.partition_of(asset))["events"]
+        last = sa.select(sa.func.coalesce(sa.func.max(events.c.id), 0)).where(events.c.asset == asset)
+        row = sa.select(ASSETS.c.version, last.scalar_subquery()).where(ASSETS.c.asset == asset)
+        rows = self._store.database.rows(row)
+        return _Seen(*rows[0]) if rows else None
 
     def _make(self, asset: str) -> Snapshot | None:
         with self._store.database.reading():
             seen = self._seen(asset)
             if seen is None:
                 return None
-            store = self._store.stores.at(seen.partition)
+            store = self._store.stores.of(asset)
             snapshot = Snapshot.from_store(store, store.shown_asset(asset), seen.last_event_id)
             ((volatile,),) = self._store.database.rows(sa.select(ASSETS.c.volatile).where(ASSETS.c.asset == asset))
             alarms = self._alarms.open(asset)
@@ -131,6 +128,10 @@ class FleetBoard:
     def assets(self) -> tuple[str, ...]:
         return self._store.assets()
 
+    def names(self) -> tuple[str, ...]:
+        """What the assets are called now, sorted."""
+        return tuple(name for (name,) in self._store.database.rows(_NAMES))
+
     def summaries(self) -> list[Mapping[str, Any]]:
         """The list of assets, by name."""
         return [JsonText(text) for (text,) in self._store.database.rows(_ALL)]
@@ -138,9 +139,9 @@ class FleetBoard:
     def page(self, choice: Choice) -> Page:
         """A page of the list, the most severe first."""
         query = (
-            sa.select(_SUMMARY, ASSETS.c.severity, ASSETS.c.asset)
+            sa.select(_SUMMARY, ASSETS.c.severity, ASSETS.c.label)
             .where(*_conditions(choice))
-            .order_by(ASSETS.c.severity.desc(), ASSETS.c.asset)
+            .order_by(ASSETS.c.severity.desc(), ASSETS.c.label)
             .limit(choice.limit + 1)
         )
         rows = self._store.database.rows(query)
@@ -180,13 +181,7 @@ class FleetBoard:
 
     def changed(self, assets: Iterable[str] | None = None) -> None:
         """Rows of these assets, or of nobody knows which, have been written."""
-        if assets is None:
-            self._store.places.forget()
-            self._signal.wake()
-            return
-        names = tuple(assets)
-        self._store.places.forget(names)
-        self._signal.wake(*names)
+        self._signal.wake(*(assets or ()))
 
     def changes(self, asset: str | None = None) -> AbstractContextManager[asyncio.Event]:
         """An event of the running loop that is set at each change, or at those of one asset; the reader clears it."""
@@ -203,7 +198,7 @@ def _conditions(choice: Choice) -> list[ColumnElement[bool]]:
     found: list[ColumnElement[bool]] = [ASSETS.c.words.contains(word, autoescape=True) for word in choice.words]
     if choice.after is not None:
         severity, asset = choice.after.severity, choice.after.asset
-        behind = sa.and_(ASSETS.c.severity == severity, ASSETS.c.asset > asset)
+        behind = sa.and_(ASSETS.c.severity == severity, ASSETS.c.label > asset)
         found += [ASSETS.c.severity <= severity, sa.or_(ASSETS.c.severity < severity, behind)]
     if choice.area is not None:
         found.append(ASSETS.c.area == choice.area)

@@ -9,14 +9,14 @@ import sqlalchemy as sa
 
 from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import ASSETS, REPORTED
+from service.fleet.layout import NAMES, REPORTED
 from service.fleet.notices import DISMISSED, announce
 from service.fleet.reported import OFFERED, PROPOSAL, UNKNOWN, proposal_of, unknown_of
 from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal
 from service.results.unknown_assets import Unknown
 
 _ROWS = sa.select(REPORTED.c.kind, REPORTED.c.asset, REPORTED.c.data).order_by(REPORTED.c.asset)
-_STILL_UNKNOWN = ~sa.exists().where(ASSETS.c.asset == REPORTED.c.asset)  # not adopted since the worker wrote it
+_STILL_UNKNOWN = ~sa.exists().where(NAMES.c.name == REPORTED.c.asset)  # not adopted since the worker wrote it
 
 
 class FleetUnknown:

@@ -6,7 +6,7 @@ that writes it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from service.alarms.engine import Change
 from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import schema_of
+from service.fleet.layout import ASSETS, schema_of
 from service.fleet.notices import ALARM, CHANGE, announce
 from service.fleet.places import Divided
 from service.results.alarm_store import AlarmStore, readable
@@ -24,7 +24,8 @@ from service.results.asset_life import AssetLife, StoredChange
 from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
-from service.results.schema import ALARMS, ROUTES, WEBHOOK_OUTBOX
+from service.results.names import Names
+from service.results.schema import ALARMS, WEBHOOK_OUTBOX
 from service.results.signal_reading import KeptFile, KeptSignals, folder_in, found_in
 
 AUDIT_LOCK = 7_219_434  # of whoever adds an entry; other numbers are in `layout`, `claims` and `migrate`
@@ -68,7 +69,7 @@ class FleetAlarms(AlarmStore):
     def open(self, asset: str | None = None) -> tuple[Mapping[str, Any], ...]:
         if asset is not None:
             return self._parts.of(asset).open(asset)
-        return tuple(by_urgency(readable(self._fleet.rows_of_all(ALARMS, _open))))
+        return tuple(by_urgency(readable(self._named(self._fleet.rows_of_all(ALARMS, _open)))))
 
     def listed(
         self, asset: str | None = None, *, closed: bool = False, after: int = 0, limit: int = 1000
@@ -81,7 +82,16 @@ class FleetAlarms(AlarmStore):
             return found if closed else found.where(table.c.open == 1)
 
         rows = self._fleet.rows_of_all(ALARMS, query, first=limit)
-        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(readable(rows)))
+        return tuple(
+            {**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(readable(self._named(rows)))
+        )
+
+    def _named(self, rows: Iterable[Any]) -> list[tuple[Any, ...]]:
+        """Rows that begin with an asset, with its name in place of that."""
+        rows = list(rows)
+        wanted = select(ASSETS.c.asset, ASSETS.c.label).where(ASSETS.c.asset.in_({row[0] for row in rows}))
+        names = {asset: label for asset, label in self._database.rows(wanted)}
+        return [(names[asset], *rest) for asset, *rest in rows]
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:
         return self._parts.of(asset).alarm(asset, number)
@@ -99,7 +109,7 @@ class FleetAlarms(AlarmStore):
 
 
 class FleetLife(AssetLife):
-    """Changes of assets and routes of streams of all partitions; windows that wait are the workers'."""
+    """Changes of assets of all partitions; windows that wait are the workers'."""
 
     def __init__(self, store: FleetStore) -> None:
         super().__init__(store.database)
@@ -112,7 +122,7 @@ class FleetLife(AssetLife):
         with self.transaction() as db:
             number = own.add_change(asset, kind, given)
             name = given.get("name") if kind in NAMING else None
-            if name is not None and (name in self._store.assets() or name in self.routes()):
+            if name is not None and self._store.places.elsewhere(name, asset):
                 reason = f"there is an asset {name!r} already, or one that was called so: give another name"
                 own.refuse_change(number, reason)
             announce(db, self._store.places.partition_of(asset), CHANGE, asset)
@@ -124,15 +134,28 @@ class FleetLife(AssetLife):
     def changes(self, asset: str) -> tuple[StoredChange, ...]:
         return self._parts.of(asset).changes(asset)
 
-    def present_name(self, asset: str) -> str | None:
-        return self._parts.of(asset).present_name(asset)
-
     def pending_changes(self) -> tuple[StoredChange, ...]:
         return tuple(change for part in self._parts.all() for change in part.pending_changes())
 
-    def routes(self) -> dict[str, str]:
-        rows = self._store.fleet.rows_of_all(ROUTES, lambda table: select(table.c.stream, table.c.asset))
-        return {stream: asset for stream, asset in rows}
+
+class FleetNames(Names):
+    """The names of all partitions' assets."""
+
+    def __init__(self, store: FleetStore) -> None:
+        super().__init__(store.database)
+        self._parts: Divided[Names] = Divided(store.fleet, store.places, lambda _, tables: Names(tables))
+
+    def label(self, asset: str) -> str:
+        return self._parts.of(asset).label(asset)
+
+    def labelled(self, name: str) -> str | None:
+        return self._parts.of(name).labelled(name)
+
+    def asset_of(self, stream: str) -> str:
+        return self._parts.of(stream).asset_of(stream)
+
+    def is_free(self, name: str) -> bool:
+        return self._parts.of(name).is_free(name)
 
 
 class FleetAudit(AuditLog):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 from service.contract.position import ChannelPositionModel, PositionModel, why_retired, why_unknown
-from service.fleet.front_kept import FleetLife
+from service.fleet.front_kept import FleetNames
 from service.fleet.front_store import FleetStore
 from service.fleet.heartbeat import SILENT
 from service.fleet.layout import ASSETS, PARTITIONS, SERVER_NOW
@@ -34,7 +34,7 @@ class FleetPositions:
     def of(self, stream: str) -> PositionModel:
         """The position of one stream. Raises StorageUnavailable where the database cannot be read now."""
         store = self._store
-        asset = FleetLife(store).routes().get(stream, stream)
+        asset = FleetNames(store).asset_of(stream)
         partition = store.places.partition_of(asset)
         stored = store.stores.at(partition).shown_asset(asset)
         assembly = stored.assembly or {}
@@ -44,7 +44,7 @@ class FleetPositions:
         if not store.database.rows(_KNOWN, {"of": asset}):
             reason = why_unknown(stream)
         elif stored.retired is not None:
-            reason = why_retired(asset)
+            reason = why_retired(stream)
         until = int(assembly.get("closed_until_ns", 0))
         return PositionModel(
             asset=stream,

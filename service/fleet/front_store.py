@@ -10,13 +10,12 @@ import sqlalchemy as sa
 
 from service.fleet.front_database import FleetDatabase
 from service.fleet.layout import ASSETS, Layout
-from service.fleet.naming import claim
-from service.fleet.notices import ASSET, DECISION, announce
+from service.fleet.notices import DECISION, announce
 from service.fleet.places import Divided, Places
 from service.results.sql_store import SqlStore
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow
 
-_NAMES = sa.select(ASSETS.c.asset).order_by(ASSETS.c.asset)
+_ASSETS = sa.select(ASSETS.c.asset).order_by(ASSETS.c.asset)
 
 
 class FleetStore:
@@ -25,7 +24,7 @@ class FleetStore:
     def __init__(self, database: str, layout: Layout) -> None:
         self.fleet = FleetDatabase(database, layout.partitions)
         self.database = self.fleet.shared
-        self.places, self._layout = Places(self.fleet, layout), layout
+        self.places = Places(self.fleet, layout)
         self.stores: Divided[SqlStore] = Divided(self.fleet, self.places, lambda _, tables: SqlStore(tables))
 
     def __enter__(self) -> FleetStore:
@@ -40,13 +39,8 @@ class FleetStore:
         return self.stores.of(asset).commit(asset, start_ns, **given)
 
     def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]], window_ns: int | None = None) -> None:
-        """Takes in what happened; an asset that is new has a row among all from now on, and is announced."""
-        partition = self.places.partition_of(asset)
-        store = self.stores.at(partition)
-        with store.database.transaction() as db:
-            store.note(asset, events, window_ns)
-            if claim(db, asset, partition, self._layout):
-                announce(db, partition, ASSET, asset)
+        """Takes in what happened; an asset that is new is announced."""
+        self.stores.of(asset).note(asset, events, window_ns)
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
         self.stores.of(asset).keep_rig(asset, rig)
@@ -84,7 +78,7 @@ class FleetStore:
 
     def assets(self) -> tuple[str, ...]:
         """The assets that have a row among all; a worker writes it with what it first shows of an asset."""
-        return tuple(name for (name,) in self.database.rows(_NAMES))
+        return tuple(asset for (asset,) in self.database.rows(_ASSETS))
 
     def asset(self, asset: str) -> StoredAsset:
         return self.stores.of(asset).asset(asset)

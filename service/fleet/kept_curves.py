@@ -1,7 +1,7 @@
 """Wear curves of a fleet's assets, kept with their states: whoever goes on with an asset need not compute them again.
 
 A curve that is lost, or not there yet, is computed again, and one of an asset that another worker has by now is as good
-as its own: nothing here is fenced or waited for. Those that wait to be written while their asset is renamed are lost.
+as its own: nothing here is fenced or waited for.
 Processes that compute read curves themselves, by name.
 """
 
@@ -19,7 +19,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import StoreError
 from service.fleet.databases import engine_of
-from service.fleet.layout import ASSETS, CURVES, expect_revision
+from service.fleet.layout import CURVES, expect_revision
 from service.runtime.curves import Curves
 
 log = logging.getLogger(__name__)
@@ -32,8 +32,6 @@ STOP_WAIT = 3.0  # [s]
 
 _ROW = postgresql.insert(CURVES)
 _PUT = _ROW.on_conflict_do_update(index_elements=[CURVES.c.asset, CURVES.c.name], set_={"data": _ROW.excluded.data})
-_HELD = sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of")).with_for_update(read=True, key_share=True)
-"""The name `of` while it is an asset's, which it stays until the end of the transaction."""
 _silent_until = 0.0  # until then the database is not asked, on the monotonic clock [s]
 
 
@@ -115,8 +113,6 @@ class CurveWriter(threading.Thread):
     def _write(self, asset: str, curves: Curves) -> None:
         with self._engine.begin() as db:
             expect_revision(db)
-            if db.execute(_HELD, {"of": asset}).scalar() is None:
-                return  # nobody would read them, or delete them
             db.execute(sa.delete(CURVES).where(CURVES.c.asset == asset, CURVES.c.name.not_in(curves.names)))
             if curves.new:
                 db.execute(_PUT, [{"asset": asset, "name": name, "data": data} for name, data in curves.new])

@@ -5,8 +5,8 @@
 | `fleet` | the number of partitions, who serves each and with which fencing token; an asset a row; names; audit log |
 | `p000`, `p001`, … | the tables of one service (`service/results/schema.py`), with the assets of one partition |
 
-An asset belongs to the partition that its name hashes to when it begins, and stays there under any other name
-(`naming.py`). The number of partitions is fixed when the fleet is created.
+An asset belongs to the partition that its id hashes to, whatever it is called; one that takes over another one's frames
+is in the same partition as that (`naming.py`). The number of partitions is fixed when the fleet is created.
 The numbers that a partition's tables give out differ from those of every other partition, so that a decision or an
 inspection is found by its number alone.
 
@@ -27,7 +27,7 @@ from hashlib import blake2b
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy import BigInteger, Column, Connection, Index, Integer, LargeBinary, MetaData, Table, Text
+from sqlalchemy import BigInteger, Boolean, Column, Connection, Index, Integer, LargeBinary, MetaData, Table, Text
 from sqlalchemy.dialects import postgresql
 
 from service.errors import NewerTables, StorageUnavailable, StoreError
@@ -61,7 +61,8 @@ PARTITIONS = Table(
 ASSETS = Table(
     "assets",
     METADATA,
-    Column("asset", Text(collation="C"), primary_key=True),  # ordered as everywhere: by its code points
+    Column("asset", Text, primary_key=True),
+    Column("label", Text(collation="C"), nullable=False, unique=True),  # ordered as everywhere: by its code points
     Column("partition", Integer, nullable=False),
     Column("area", Text, nullable=False, server_default=""),  # the part of the plant: the name up to its last separator
     Column("severity", Integer, nullable=False, server_default="0"),  # of the status, the worst highest
@@ -71,15 +72,16 @@ ASSETS = Table(
     Column("summary", postgresql.JSONB, nullable=False),  # the row of the list of assets
     Column("words", Text, nullable=False, server_default=""),  # what a search of the list looks at
     Column("volatile", LargeBinary),  # what is shown and is not in the partition's tables (JSON)
-    Index("assets_by_severity", sa.text("severity DESC"), "asset"),
-    Index("assets_by_area", "area", sa.text("severity DESC"), "asset"),
+    Index("assets_by_severity", sa.text("severity DESC"), "label"),
+    Index("assets_by_area", "area", sa.text("severity DESC"), "label"),
     Index("assets_by_partition", "partition"),
 )
-NAMES = Table(  # of assets that are not in the partition of their hash, and those that assets had before
+NAMES = Table(  # every name that was ever given
     "names",
     METADATA,
     Column("name", Text, primary_key=True),
     Column("partition", Integer, nullable=False),
+    Column("elsewhere", Boolean, nullable=False),  # whether it hashes to another partition
 )
 REPORTED = Table(
     "reported",

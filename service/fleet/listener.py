@@ -11,7 +11,7 @@ from typing import Any
 from service.alarms.keeper import AlarmKeeper
 from service.errors import StoreError
 from service.fleet.databases import url_of
-from service.fleet.naming import Names
+from service.fleet.naming import PartitionStreams
 from service.fleet.notices import ALARM, ASSET, DECISION, DISMISSED, NAMED, channel_of
 from service.runtime.worker import Kept
 
@@ -27,7 +27,7 @@ class Listener(threading.Thread):
 
     look     called after each notification: the worker looks at what waits
     propose  makes a rig file that was offered for an asset a proposal
-    names    that belong to the partition: read again when one has been given
+    streams  of the partition: read again when a name has been given that hashes to another one
     """
 
     def __init__(
@@ -38,12 +38,12 @@ class Listener(threading.Thread):
         alarms: AlarmKeeper,
         look: Callable[[], None],
         propose: Callable[[str, Mapping[str, Any]], None],
-        names: Names,
+        streams: PartitionStreams,
     ) -> None:
         super().__init__(name="listener", daemon=True)
         self._url = url_of(database).set(drivername="postgresql").render_as_string(hide_password=False)
         self._partition, self._kept, self._alarms, self._look = partition, kept, alarms, look
-        self._propose, self._names, self._names_given = propose, names, True
+        self._propose, self._streams, self._names_given = propose, streams, True
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -102,7 +102,6 @@ class Listener(threading.Thread):
         kept = self._kept
         try:
             if what == ALARM:
-                asset = self._present_name(asset)
                 last = kept.store.last_event_id(asset)
                 kept.board.update(asset, alarms=self._alarms.open(asset), last_event_id=last)
                 self._alarms.changed(asset)
@@ -119,21 +118,15 @@ class Listener(threading.Thread):
         except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
             log.debug("what was announced of %s waits: %s", asset, error)
 
-    def _present_name(self, asset: str) -> str:
-        """What an asset is called by now; it may have been renamed since a front end wrote of it."""
-        if self._kept.board.get(asset) is not None:
-            return asset
-        return self._kept.life.routes().get(asset, asset)
-
     def _read_names(self) -> None:
         if self._names_given:
-            self._names.read(self._kept.store.database)
+            self._streams.read(self._kept.store.database)
             self._names_given = False
 
     def _show_new(self, asset: str) -> None:
         """An asset that a front end has created is one of the partition's from now on."""
         kept = self._kept
-        if kept.board.get(asset) is None and asset in kept.store.assets():  # not one that has just been renamed
+        if kept.board.get(asset) is None and asset in kept.store.assets():
             stored, last = kept.store.asset(asset), kept.store.last_event_id(asset)
             adopted = kept.unknown.find(asset)
             kept.board.update(asset, rig=stored.rig, last_event_id=last)

@@ -20,7 +20,7 @@ from service.fleet.heartbeat import Heartbeat
 from service.fleet.kept_curves import CurveWriter, StoredCurves
 from service.fleet.layout import Layout, schema_of
 from service.fleet.listener import Listener
-from service.fleet.naming import Names
+from service.fleet.naming import PartitionStreams
 from service.fleet.reported import ReportWriter
 from service.fleet.rows import RowWriter
 from service.fleet.searches import Searches, Submit
@@ -102,16 +102,16 @@ def serve_partition(
     own = settings_of(settings, partition, layout)
     own.data.mkdir(parents=True, exist_ok=True)
     fence = Fence(partition=partition, node=node, lost=lost)
-    names = Names(layout, partition, settings.prefix)
+    streams = PartitionStreams(layout, partition, settings.prefix)
 
     @contextmanager
     def open_store() -> Iterator[SqlStore]:
         with SqlStore(partition_backend(database, fence, layout.partitions), claimed=True) as store:
-            names.read(store.database)
+            streams.read(store.database)
             yield store
 
     twin = twin or twin_of(own)
-    with _begun(own, open_store, stop, names.refusal) as begun, ExitStack() as stack:
+    with _begun(own, open_store, stop, streams.refusal) as begun, ExitStack() as stack:
         if begun is None:
             return
         store, board, kept = begun.store, begun.board, begun.kept
@@ -130,7 +130,7 @@ def serve_partition(
         figures = figures_of(
             *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
         )
-        listener = Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose, names)
+        listener = Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose, streams)
         parts = (
             curves,
             worker,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 from service.fleet.front_database import FleetDatabase, SchemaDatabase
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 class Places:
-    """The partition of each asset: where it is, or was under an earlier name; else where its name hashes to."""
+    """The partition of each asset and name, for good: where it was given; else where it hashes to."""
 
     def __init__(self, database: FleetDatabase, layout: Layout) -> None:
         self._database, self._layout = database, layout
@@ -28,24 +28,16 @@ class Places:
         rows = self._database.shared.rows(PLACE, {"of": asset})
         if not rows:
             return self._layout.partition_of(asset)
-        self.note(asset, rows[0][0])
-        return int(rows[0][0])
+        return self._known.setdefault(asset, int(rows[0][0]))
+
+    def elsewhere(self, name: str, asset: str) -> bool:
+        """Whether a name has been given in another partition than that of an asset."""
+        rows = self._database.shared.rows(PLACE, {"of": name})
+        return bool(rows) and rows[0][0] != self.partition_of(asset)
 
     def partition_of_number(self, number: int) -> int:
         """The partition whose tables have given out a number."""
         return self._layout.partition_of_number(number)
-
-    def note(self, asset: str, partition: int) -> None:
-        """An asset's row has been read."""
-        self._known[asset] = partition
-
-    def forget(self, assets: Iterable[str] | None = None) -> None:
-        """These assets, or all, may be in another partition now."""
-        if assets is None:
-            self._known.clear()
-            return
-        for asset in assets:
-            self._known.pop(asset, None)
 
 
 class Divided(Generic[T]):

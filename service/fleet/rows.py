@@ -20,13 +20,12 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import StoreError
 from service.fleet.fence import Fenced
-from service.fleet.layout import ASSETS, CURVES, NAMES
+from service.fleet.layout import ASSETS
 from service.fleet.notices import CHANGED
 from service.json_text import plain
 from service.results.asset_list import area_of, severity_of, words_of
 from service.results.board import Board, Snapshot, Stale, Waiting
 from service.results.json_columns import dump, load
-from service.results.schema import ASSETS as OWN
 from service.results.store import Tables
 
 log = logging.getLogger(__name__)
@@ -37,7 +36,7 @@ FRESH_EVERY = 10.0  # between two rows of an asset that differ only in when fram
 BATCH = 100  # rows of one transaction
 PAUSE = 1.0  # after a failure [s]
 SHOWN = (
-    "last_event_id", "windows_total", "epoch", "stale", "damaged", "unstored", "report", "rig", "alarms",
+    "label", "last_event_id", "windows_total", "epoch", "stale", "damaged", "unstored", "report", "rig", "alarms",
     "question", "retired", "waiting",
 )  # fmt: skip
 STOP_WAIT = 3.0  # [s]
@@ -47,16 +46,11 @@ _PUT = _ROW.on_conflict_do_update(
     index_elements=[ASSETS.c.asset],
     set_={
         name: _ROW.excluded[name]
-        for name in ("area", "severity", "level", "changed_ns", "summary", "words", "volatile")
+        for name in ("label", "area", "severity", "level", "changed_ns", "summary", "words", "volatile")
     }
     | {"version": ASSETS.c.version + 1},
     where=ASSETS.c.partition == _ROW.excluded.partition,
 )
-_FORMER = sa.select(NAMES.c.name).where(
-    NAMES.c.name.in_(sa.bindparam("of", expanding=True)), ~sa.exists().where(OWN.c.asset == NAMES.c.name)
-)
-"""Those of the names `of` that assets of the partition had before: given once, and of no asset any longer."""
-
 _SAY = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
 
 
@@ -70,7 +64,6 @@ class RowWriter(threading.Thread):
         self._written: dict[str, Snapshot] = {}  # by asset: what the row shows, apart from when frames came
         self._later: dict[str, None] = {}  # assets whose rows can wait
         self._fresh_at = 0.0
-        self._swept = False
 
     def run(self) -> None:
         """Works until ended."""
@@ -80,7 +73,6 @@ class RowWriter(threading.Thread):
                 waiting.update(dict.fromkeys(changes.take(LOOK_EVERY)))
                 waiting = self._due(waiting)
                 try:
-                    self._sweep()
                     self._write(waiting)
                 except Fenced:
                     return
@@ -106,46 +98,23 @@ class RowWriter(threading.Thread):
         due: dict[str, None] = {}
         for asset in waiting:
             snapshot = self._board.get(asset)
-            if snapshot is None or not _looks_alike(self._written.get(asset), snapshot):
-                due[asset] = None
-            else:
-                self._later[asset] = None
+            if snapshot is not None:
+                (self._later if _looks_alike(self._written.get(asset), snapshot) else due)[asset] = None
         if time.monotonic() >= self._fresh_at:
             self._fresh_at = time.monotonic() + FRESH_EVERY
             due, self._later = due | self._later, {}
         return due
 
-    def _sweep(self) -> None:
-        """Once, at the start: deletes rows of assets that had other names when an earlier worker ended."""
-        if self._swept:
-            return
-        there = sa.exists().where(OWN.c.asset == ASSETS.c.asset)
-        gone = sa.delete(ASSETS).where(
-            ASSETS.c.partition == self._partition, ASSETS.c.asset.not_in(self._board.assets()), ~there
-        )
-        with self._database.transaction() as db:
-            say(db, list(db.execute(gone.returning(ASSETS.c.asset)).scalars()))
-        self._swept = True
-
     def _write(self, assets: dict[str, None]) -> None:
-        names = list(assets)
-        for begin in range(0, len(names), BATCH):
-            present = {name: self._board.get(name) for name in names[begin : begin + BATCH]}
-            shown = {name: snapshot for name, snapshot in present.items() if snapshot is not None}
+        for batch in _batches(list(assets)):
+            shown = {asset: snapshot for asset in batch if (snapshot := self._board.get(asset)) is not None}
             with self._database.transaction() as db:
-                for name in db.execute(_FORMER, {"of": list(shown)}).scalars():  # renamed since the board was read
-                    del shown[name]
-                gone = [name for name in present if name not in shown]
-                if shown:
-                    put(db, [row_of(snapshot, self._partition) for snapshot in shown.values()])
-                if gone:
-                    own = ASSETS.c.partition == self._partition
-                    db.execute(sa.delete(ASSETS).where(own, ASSETS.c.asset.in_(gone)))
-                    db.execute(sa.delete(CURVES).where(CURVES.c.asset.in_(gone)))
-                    say(db, gone)
+                put(db, [row_of(snapshot, self._partition) for snapshot in shown.values()])
             self._written.update(shown)
-            for name in gone:
-                self._written.pop(name, None)
+
+
+def _batches(assets: list[str]) -> list[list[str]]:
+    return [assets[begin : begin + BATCH] for begin in range(0, len(assets), BATCH)]
 
 
 def put(db: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -165,8 +134,9 @@ def row_of(snapshot: Snapshot, partition: int) -> dict[str, Any]:
     level = summary["status"]["level"]
     return {
         "asset": snapshot.asset,
+        "label": snapshot.name,
         "partition": partition,
-        "area": area_of(snapshot.asset),
+        "area": area_of(snapshot.name),
         "severity": severity_of(level),
         "level": level,
         "version": 1,

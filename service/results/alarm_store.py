@@ -20,7 +20,7 @@ from service.contract.alarms import by_urgency, state_of
 from service.json_text import plain
 from service.printable import all_printable
 from service.results.json_columns import dump, salvage
-from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, WEBHOOK_OUTBOX
+from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, ASSETS, WEBHOOK_OUTBOX
 from service.results.store import Tables
 
 MOST_HISTORY = 200  # entries of one alarm that are answered
@@ -35,11 +35,11 @@ _KNOWN = (
     .outerjoin(ALARM_RULES, ALARM_RULES.c.asset == _NAMED_ASSET.c.asset)
     .outerjoin(ALARM_MEMORY, ALARM_MEMORY.c.asset == _NAMED_ASSET.c.asset)
 )
-_OPEN = select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record).where(ALARMS.c.open == 1)
+_LABEL = select(ASSETS.c.label).where(ASSETS.c.asset == _OF)
+_ALARM = select(ASSETS.c.label, ALARMS.c.id, ALARMS.c.record).join(ASSETS, ASSETS.c.asset == ALARMS.c.asset)
+_OPEN = _ALARM.where(ALARMS.c.open == 1)
 _OPEN_OF = _OPEN.where(ALARMS.c.asset == _OF)
-_NAMED = select(ALARMS.c.id, ALARMS.c.record).where(
-    ALARMS.c.asset == _OF, ALARMS.c.name == bindparam("named"), ALARMS.c.open == 1
-)
+_NAMED = _OPEN_OF.where(ALARMS.c.name == bindparam("named"))
 _HISTORY = (
     select(ALARM_HISTORY.c.entry)
     .where(ALARM_HISTORY.c.alarm == bindparam("number"))
@@ -88,7 +88,7 @@ class AlarmStore:
     def keep_rules(self, asset: str, rules: Sequence[Mapping[str, Any]], signed: Mapping[str, Any]) -> None:
         """Keeps rules of the asset's own."""
         with self._database.transaction() as db:
-            asset = self._database.present(db, asset)
+            self._database.ensure(db, asset)
             db.execute(self._keep_rules, {"asset": asset, "rules": dump(list(rules)), "changed": dump(signed)})
 
     def memory(self, asset: str) -> Memory:
@@ -113,15 +113,17 @@ class AlarmStore:
         """Carries out one change; the alarm afterwards, None where it concerns none that is open."""
         with self._database.transaction() as db:
             rows = db.execute(_NAMED, {"of": asset, "named": change.key}).all()
-            number, alarm = (rows[0][0], _read(asset, *rows[0])) if rows else (None, None)
+            number, alarm = (rows[0][1], _read(*rows[0])) if rows else (None, None)
             if number is None:
                 if change.verb != "raised":
                     return None
+                self._database.ensure(db, asset)
                 row = {"asset": asset, "name": change.key, "open": 1, "record": dump({})}
                 number = self._database.add(db, ALARMS, row)
             if alarm is None:  # it is new, or what was kept of it is damaged
+                name = db.execute(_LABEL, {"of": asset}).scalar_one()
                 alarm = {
-                    "id": number, "asset": asset, "rule": change.rule, "quantity": change.quantity,
+                    "id": number, "asset": name, "rule": change.rule, "quantity": change.quantity,
                     "place": change.place, "acknowledged": False,
                 }  # fmt: skip
             alarm = _changed(alarm, change, at, window)
@@ -140,14 +142,12 @@ class AlarmStore:
         A cleared quantity that is still beyond its limit is raised again after the rule's duration.
         """
         with self._database.transaction() as db:
-            open_one = select(ALARMS.c.name, ALARMS.c.record).where(
-                ALARMS.c.asset == asset, ALARMS.c.id == number, ALARMS.c.open == 1
-            )
-            rows = db.execute(open_one).all()
-            alarm = _read(asset, number, rows[0][1]) if rows else None
+            open_one = _OPEN_OF.where(ALARMS.c.id == number).add_columns(ALARMS.c.name)
+            rows = db.execute(open_one, {"of": asset}).all()
+            alarm = _read(*rows[0][:3]) if rows else None
             if alarm is None or (verb == "acknowledged" and alarm["acknowledged"]):
                 return None
-            name = rows[0][0]
+            name = rows[0][3]
             key = "acknowledgement" if verb == "acknowledged" else "clearance"
             alarm = {**alarm, "acknowledged": True, key: dict(signed)}
             if verb == "cleared":
@@ -167,16 +167,18 @@ class AlarmStore:
         rows = self._database.rows(_OPEN) if asset is None else self._database.rows(_OPEN_OF, {"of": asset})
         return tuple(by_urgency(readable(rows)))
 
+    def open_by_asset(self) -> dict[str, tuple[Mapping[str, Any], ...]]:
+        """Open alarms by asset, most urgent first."""
+        rows: dict[str, list[Any]] = {}
+        for *row, asset in self._database.rows(_OPEN.add_columns(ALARMS.c.asset)):
+            rows.setdefault(asset, []).append(row)
+        return {asset: tuple(by_urgency(readable(own))) for asset, own in rows.items()}
+
     def listed(
         self, asset: str | None = None, *, closed: bool = False, after: int = 0, limit: int = 1000
     ) -> tuple[Mapping[str, Any], ...]:
         """Alarms with an id above `after`, with closed ones where asked for, most urgent first; with their history."""
-        query = (
-            select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record)
-            .where(ALARMS.c.id > after)
-            .order_by(ALARMS.c.id)
-            .limit(limit)
-        )
+        query = _ALARM.where(ALARMS.c.id > after).order_by(ALARMS.c.id).limit(limit)
         if not closed:
             query = query.where(ALARMS.c.open == 1)
         if asset is not None:
@@ -186,9 +188,7 @@ class AlarmStore:
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:
         """One alarm with its history; None where there is none."""
-        rows = self._database.rows(
-            select(ALARMS.c.asset, ALARMS.c.id, ALARMS.c.record).where(ALARMS.c.asset == asset, ALARMS.c.id == number)
-        )
+        rows = self._database.rows(_ALARM.where(ALARMS.c.asset == asset, ALARMS.c.id == number))
         found = readable(rows)
         return {**found[0], "history": self.history(number)} if found else None
 
@@ -243,14 +243,14 @@ def _memory_of(asset: str, kept: bytes | None) -> Memory:
     return Memory.from_dict(salvage(kept, f"what the alarms remember of {asset}"))
 
 
-def _read(asset: str, number: int, record: bytes) -> dict[str, Any] | None:
+def _read(name: str, number: int, record: bytes) -> dict[str, Any] | None:
     """An alarm as it was kept, under the asset's present name; None where it is damaged."""
-    found = salvage(record, f"alarm {number} of {asset}")
-    return None if found is None else {**found, "asset": asset}
+    found = salvage(record, f"alarm {number} of {name}")
+    return None if found is None else {**found, "asset": name}
 
 
 def readable(rows: Iterable[Any]) -> list[dict[str, Any]]:
-    """Alarms of rows with asset, id and record; what is damaged is left out."""
+    """Alarms of rows with the asset's name, id and record; what is damaged is left out."""
     return [alarm for row in rows if (alarm := _read(*row)) is not None]
 
 

@@ -1,4 +1,4 @@
-"""The life of assets: changes that people made, windows that wait for an answer, and which stream is which asset.
+"""The life of assets: changes that people made, and windows that wait for an answer.
 
 A change is kept when it is submitted and carried out once, with all that it ends, in one transaction
 (service/runtime/changes.py). A window that waits is a file; what names it is written with it and deleted with the
@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Select, bindparam, delete, select, text, update
+from sqlalchemy import Connection, Select, bindparam, delete, select, update
 
 from service.contract.base import iso_time
 from service.errors import StoreError
 from service.results.commit_marks import probe
 from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
-from service.results.schema import ASSETS, AUDIT, CHANGES, METADATA, ROUTES, WAITING
+from service.results.schema import ASSETS, CHANGES, WAITING
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, UNFINISHED, sync_folder, write_window
 from service.steady_clock import later_time_ns
@@ -68,7 +68,7 @@ class WaitingWindow:
 
 
 class AssetLife:
-    """Changes, waiting windows and routes of all assets: in the results' database and a folder for the windows."""
+    """Changes and waiting windows of all assets: in the results' database and a folder for the windows."""
 
     def __init__(self, database: Tables, folder: Path | None = None) -> None:
         """folder  of the windows that wait; None where no window ever does"""
@@ -93,7 +93,7 @@ class AssetLife:
     def add_change(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a change that waits to be carried out; its id."""
         with self.transaction() as db:
-            asset = self._database.present(db, asset)
+            self._database.ensure(db, asset)
             row = {"asset": asset, "received_ns": later_time_ns(), "kind": kind, "given": dump(given)}
             return self._database.add(db, CHANGES, row)
 
@@ -118,14 +118,6 @@ class AssetLife:
     def pending_changes(self) -> tuple[StoredChange, ...]:
         """Those that wait to be carried out, oldest first."""
         return self._changes(_CHANGE.where(CHANGES.c.done == 0))
-
-    def present_name(self, asset: str) -> str | None:
-        """What the asset is called by now that once had this name; None where none had it.
-
-        A stream of that name may be another asset's since.
-        """
-        named = self._changes(_CHANGE.where(CHANGES.c.kind == "renamed", CHANGES.c.effect.is_not(None)))
-        return next((c.asset for c in named if c.effect is not None and c.effect.get("was") == asset), None)
 
     def rejected_rigs(self, asset: str) -> list[str]:
         """Digests of the rig files that people have rejected for an asset."""
@@ -261,39 +253,6 @@ class AssetLife:
     def _path(self, number: int) -> Path:
         assert self.folder is not None
         return self.folder / f"{number:08d}{SUFFIX}"
-
-    # -- routes --------------------------------------------------------------------------------------
-
-    def routes(self) -> dict[str, str]:
-        """Streams whose asset has another name than the stream."""
-        other = select(ROUTES.c.stream, ROUTES.c.asset).where(ROUTES.c.stream != ROUTES.c.asset)
-        return {stream: asset for stream, asset in self._database.rows(other)}
-
-    def route(self, stream: str, asset: str) -> None:
-        """From now on the frames of a stream, and of all that were routed to its asset before, are this asset's."""
-        with self.transaction() as db:
-            self._database.ensure(db, asset)
-            db.execute(update(ROUTES).where(ROUTES.c.asset == stream).values(asset=asset))
-            row = {"stream": stream, "asset": asset}
-            given = self._database.insert(ROUTES)
-            db.execute(given.on_conflict_do_update(index_elements=["stream"], set_={"asset": asset}), row)
-
-    # -- names ---------------------------------------------------------------------------------------
-
-    def rename(self, asset: str, name: str) -> None:
-        """Gives an asset another name in every table, and routes the frames of its old name to it; one transaction.
-
-        A stream of its old name that has been found to be another machine's stays that machine's.
-        """
-        with self.transaction() as db:
-            late = "PRAGMA defer_foreign_keys = ON" if db.dialect.name == "sqlite" else "SET CONSTRAINTS ALL DEFERRED"
-            db.execute(text(late))
-            for table in METADATA.tables.values():
-                if "asset" in table.c and table is not AUDIT:  # what was entered stays as it was
-                    db.execute(update(table).where(table.c.asset == asset).values(asset=name))
-            row = {"stream": asset, "asset": name}
-            db.execute(self._database.insert(ROUTES).on_conflict_do_nothing(), row)
-            self._database.renamed(db, asset, name)
 
 
 def _end(number: int) -> Any:

@@ -93,12 +93,8 @@ class Backend(Protocol):
         """At the begin of each transaction; StoreError where it may not write."""
         ...
 
-    def added(self, db: Connection, asset: str) -> None:
-        """Within the transaction that has made an asset's row; InputError where it may not have its name."""
-        ...
-
-    def renamed(self, db: Connection, asset: str, name: str) -> None:
-        """Within the transaction that gives an asset another name; InputError where it may not have it."""
+    def named(self, db: Connection, asset: str, name: str) -> None:
+        """Within the transaction that gives an asset a name; InputError where it may not have it."""
         ...
 
     def mark(self, db: Connection) -> Mark | None:
@@ -219,11 +215,8 @@ class SqliteFile:
     def begun(self, db: Connection) -> None:
         pass
 
-    def added(self, db: Connection, asset: str) -> None:
+    def named(self, db: Connection, asset: str, name: str) -> None:
         pass  # the assets of one service have their names for themselves
-
-    def renamed(self, db: Connection, asset: str, name: str) -> None:
-        pass
 
     def mark(self, db: Connection) -> Mark | None:
         return None
@@ -325,10 +318,7 @@ class Postgresql:
     def begun(self, db: Connection) -> None:
         pass  # the connection itself holds the claim
 
-    def added(self, db: Connection, asset: str) -> None:
-        pass
-
-    def renamed(self, db: Connection, asset: str, name: str) -> None:
+    def named(self, db: Connection, asset: str, name: str) -> None:
         pass
 
     def mark(self, db: Connection) -> Mark:

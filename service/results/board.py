@@ -57,6 +57,7 @@ class Snapshot:
     """All that is shown of one asset, as of its last committed window. Its size does not grow with time."""
 
     asset: str
+    label: str = ""  # what it is called now; empty where that is its id
     records: tuple[Mapping[str, Any], ...] = ()  # of the newest windows, oldest first
     latest: Mapping[str, Any] = field(default_factory=dict)  # the trend's point of the newest window that has one
     windows_total: int = 0
@@ -85,6 +86,7 @@ class Snapshot:
         asset, windows = stored.asset, store.latest_windows(stored.asset, TAIL)
         return cls(
             asset=asset,
+            label=stored.label,
             records=tuple(w.record for w in windows),
             latest=next((trend_point(w) for w in reversed(windows) if has_point(w)), {}),
             windows_total=stored.windows,
@@ -118,7 +120,7 @@ class Snapshot:
     def with_whole(self) -> Snapshot:
         """The snapshot with the contract's section 4 made of the rest."""
         whole = assemble(
-            self.asset,
+            self.name,
             self.records,
             self.report,
             self.quality,
@@ -144,6 +146,11 @@ class Snapshot:
         return health_of(self.report, self.records, self.stale_text, added, self.backlog)
 
     @property
+    def name(self) -> str:
+        """What the asset is called now."""
+        return self.label or self.asset
+
+    @property
     def backlog(self) -> Backlog | None:
         """The windows that wait to be assessed."""
         return None if self.waiting is None else self.waiting.as_backlog()
@@ -164,7 +171,7 @@ class Snapshot:
         """The asset in the list of assets."""
         data = self.whole.get("data") or {"level": "waiting", "reason": NO_WHOLE_WINDOW}
         return {
-            "asset": self.asset,
+            "asset": self.name,
             "status": self.whole.get("status") or none_yet(NO_WHOLE_WINDOW),
             "data": data["level"],
             "reason": data["reason"],
@@ -207,6 +214,14 @@ class Shown(Protocol):
 
     def get(self, asset: str) -> Snapshot | None: ...
 
+    def find(self, name: str) -> Snapshot | None:
+        """The asset that is called so now."""
+        ...
+
+    def names(self) -> tuple[str, ...]:
+        """What the assets are called now, sorted."""
+        ...
+
     def summaries(self) -> list[Mapping[str, Any]]:
         """The list of assets, by name."""
         ...
@@ -239,7 +254,7 @@ class Board:
 
     def __init__(self) -> None:
         self._snapshots: dict[str, Snapshot] = {}
-        self._former: dict[str, str] = {}  # names that assets had before: whoever changes one may not know it yet
+        self._assets: dict[str, str] = {}  # by what they are called now
         self._lock = threading.Lock()
         self._signal = ChangeSignal()
         self._followers: list[AssetChanges] = []
@@ -264,9 +279,18 @@ class Board:
     def get(self, asset: str) -> Snapshot | None:
         return self._snapshots.get(asset)
 
+    def find(self, name: str) -> Snapshot | None:
+        """The asset that is called so now."""
+        asset = self._assets.get(name)
+        return None if asset is None else self._snapshots.get(asset)
+
+    def names(self) -> tuple[str, ...]:
+        """What the assets are called now, sorted."""
+        return tuple(sorted(self._assets))
+
     def summaries(self) -> list[Mapping[str, Any]]:
         """The list of assets, by name."""
-        return [snapshot.summary() for _, snapshot in sorted(self._snapshots.items())]
+        return [snapshot.summary() for snapshot in self._by_name()]
 
     def page(self, choice: Choice) -> Page:
         """A page of the list, the most severe first."""
@@ -278,7 +302,10 @@ class Board:
 
     def stale(self) -> list[tuple[str, str, str]]:
         """Assets whose figures are out of date: name, why, since when (ISO 8601)."""
-        return [(name, *text) for name, shown in sorted(self._snapshots.items()) if (text := shown.stale_text)]
+        return [(shown.name, *text) for shown in self._by_name() if (text := shown.stale_text)]
+
+    def _by_name(self) -> list[Snapshot]:
+        return sorted(self._snapshots.copy().values(), key=lambda snapshot: snapshot.name)
 
     # -- publishing ----------------------------------------------------------------------------------
 
@@ -289,15 +316,6 @@ class Board:
     def update(self, asset: str, **changes: Any) -> Snapshot:
         """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
         return self._change(asset, lambda s: replace(s, **_no_older(s, changes)))
-
-    def rename(self, asset: str, name: str) -> None:
-        """Shows an asset under another name."""
-        with self._lock:
-            snapshot = self._snapshots.pop(asset, None)
-            self._put(replace(snapshot or Snapshot(asset=name), asset=name))
-            self._former = {was: name if now == asset else now for was, now in self._former.items()} | {asset: name}
-            self._note(asset, name)
-        self._signal.wake(asset, name)
 
     def close(self) -> None:
         """Ends every wait: the service goes down."""
@@ -329,14 +347,17 @@ class Board:
 
     def _change(self, asset: str, change: Callable[[Snapshot], Snapshot]) -> Snapshot:
         with self._lock:
-            asset = self._former.get(asset, asset)
-            snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset)))
+            snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset, label=asset)))
             self._note(asset)
         self._signal.wake(asset)
         return snapshot
 
     def _put(self, snapshot: Snapshot) -> Snapshot:
+        before = self._snapshots.get(snapshot.asset)
         snapshot = self._snapshots[snapshot.asset] = snapshot.with_whole()
+        if before is not None and before.name != snapshot.name:
+            del self._assets[before.name]
+        self._assets[snapshot.name] = snapshot.asset
         return snapshot
 
 

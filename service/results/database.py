@@ -25,13 +25,8 @@ from service.errors import SteppedBack, StorageUnavailable, StoreError
 from service.results.backends import Backend, backend_of
 from service.results.commit_marks import Mark, is_there
 from service.results.migrate import upgrade
-from service.results.schema import ASSETS, ROUTES
+from service.results.schema import ASSETS, NAMES
 from service.results.storage_faults import storage_error
-
-_HAS_ROW = (
-    sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of")).with_for_update(read=True, key_share=True)
-)
-_ROUTED = sa.select(ROUTES.c.asset).where(ROUTES.c.stream == sa.bindparam("of"))
 
 
 class Database:
@@ -47,6 +42,7 @@ class Database:
         self.backend: Backend = backend_of(where) if isinstance(where, Path | str) else where
         self.took: Callable[[str, float], object] = lambda what, seconds: None
         self._insert_asset = self.backend.insert(ASSETS).on_conflict_do_nothing()
+        self._insert_name = self.backend.insert(NAMES).on_conflict_do_nothing()
         self._write = threading.RLock()
         self._current: Connection | None = None  # of the present transaction ...
         self._owner: int | None = None  # ... and the thread that it is of
@@ -98,23 +94,14 @@ class Database:
         """Has a row for an asset, which the rows of other tables refer to."""
         if asset in self._has_row or asset in self._ensured:
             return
-        if db.execute(self._insert_asset, {"asset": asset}).rowcount:
-            self.backend.added(db, asset)
+        if db.execute(self._insert_asset, {"asset": asset, "label": asset}).rowcount:
+            db.execute(self._insert_name, {"name": asset, "asset": asset, "labelled": asset})
+            self.backend.named(db, asset, asset)
         self._ensured.add(asset)
 
-    def present(self, db: Connection, asset: str) -> str:
-        """What an asset is called by now, which may have been renamed since it was looked up; it has a row."""
-        if asset not in self._has_row and db.execute(_HAS_ROW, {"of": asset}).first() is None:
-            routed = db.execute(_ROUTED, {"of": asset}).first()
-            asset = asset if routed is None else routed[0]
-        self.ensure(db, asset)
-        return asset
-
-    def renamed(self, db: Connection, asset: str, name: str) -> None:
-        """An asset's rows have been given another name within this transaction."""
-        self._has_row.discard(asset)
-        self._ensured.discard(asset)
-        self.backend.renamed(db, asset, name)
+    def named(self, db: Connection, asset: str, name: str) -> None:
+        """Within the transaction that gives an asset a name; InputError where others have or had it."""
+        self.backend.named(db, asset, name)
 
     @contextmanager
     def transaction(self) -> Iterator[Connection]:

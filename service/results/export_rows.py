@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -30,10 +30,17 @@ WHAT: dict[str, tuple[str, ...]] = {"windows": WINDOW_COLUMNS, "events": EVENT_C
 
 
 def export(
-    store: SqlStore, out: Path, form: str, *, what: str, assets: Iterable[str], begin_ns: int, end_ns: int
+    store: SqlStore, out: Path, form: str, *, what: str, assets: Mapping[str, str], begin_ns: int, end_ns: int
 ) -> int:
-    """Writes the rows of some assets to a file; how many. A span of time counts for windows, by their start [ns]."""
-    rows = (row for asset in assets for row in _rows(store, asset, what, begin_ns, end_ns))
+    """Writes the rows of some assets to a file; how many. A span of time counts for windows, by their start [ns].
+
+    assets  what each is called, by its id
+    """
+    rows = (
+        {"asset": name, **row}
+        for asset, name in sorted(assets.items(), key=lambda item: item[1])
+        for row in _rows(store, asset, what, begin_ns, end_ns)
+    )
     unfinished = out.with_name(f"{out.name}.part")
     try:
         count = FORMS[form](rows, unfinished, WHAT[what])
@@ -49,7 +56,7 @@ def _rows(store: SqlStore, asset: str, what: str, begin_ns: int, end_ns: int) ->
     if what == "events":
         after = 0
         while events := store.events(asset, after, PAGE):
-            yield from ({"asset": asset, "id": e.id, "kind": e.kind, "data": e.data} for e in events)
+            yield from ({"id": e.id, "kind": e.kind, "data": e.data} for e in events)
             after = events[-1].id
         return
     for epoch in store.epochs(asset):
@@ -57,12 +64,12 @@ def _rows(store: SqlStore, asset: str, what: str, begin_ns: int, end_ns: int) ->
         while page := store.windows(asset, index, PAGE, epoch=epoch["epoch"]):
             for window in page:
                 if begin_ns <= window.start_ns < end_ns:
-                    yield _window(asset, epoch["epoch"], window.start_ns, window.record, window.figures)
+                    yield _window(epoch["epoch"], window.start_ns, window.record, window.figures)
             index = page[-1].record["index"]
 
 
-def _window(asset: str, epoch: int, start_ns: int, record: Mapping[str, Any], shown: Mapping[str, Any]) -> dict:
-    row = {"asset": asset, "epoch": epoch, "start_ns": start_ns, **{name: record.get(name) for name in RECORD}}
+def _window(epoch: int, start_ns: int, record: Mapping[str, Any], shown: Mapping[str, Any]) -> dict:
+    row = {"epoch": epoch, "start_ns": start_ns, **{name: record.get(name) for name in RECORD}}
     for flank in FLANKS:
         band = (shown.get("depth_um") or {}).get(flank) or {}
         row |= {f"depth_um_{flank}_{name}": band.get(name) for name in BANDS}

@@ -95,18 +95,6 @@ class RigProposals:
             if asset in self._rejected:
                 self._rejected[asset].add(digest)
 
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name."""
-        with self._lock:
-            for part in (self._proposals, self._rejected):
-                part.pop(name, None)
-            self._rejected.pop(asset, None)
-            found = self._proposals.pop(asset, None)
-            if found is not None:
-                self._proposals[name] = Proposal(
-                    asset=name, rig=found.rig, digest=found.digest, received_ns=found.received_ns
-                )
-
     def figures(self) -> dict[str, float]:
         """Figures for /metrics."""
         return {"rig_proposals": len(self._proposals)}

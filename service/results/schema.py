@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0009"
+REVISION = "0010"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -41,7 +41,8 @@ def _number(name: str, default: str | None = None, *, nullable: bool = False, pr
 ASSETS = Table(
     "assets",
     METADATA,
-    Column("asset", Text, primary_key=True),
+    Column("asset", Text, primary_key=True),  # the name under which it began
+    Column("label", Text, nullable=False, unique=True),  # the name that it has now
     *(_json(n, nullable=True) for n in ("rig", "state", "report", "assembly", "quality", "question", "retired")),
     *(_number(n, "0") for n in ("windows", "updates", "epoch")),
     _number("received_ns", nullable=True),
@@ -172,7 +173,9 @@ WAITING = Table(
     Index("waiting_of_asset", "asset", "id"),
     sqlite_autoincrement=True,
 )
-ROUTES = Table("routes", METADATA, _text("stream", primary_key=True), _asset())
+NAMES = Table(  # every name that was ever given: see `names`
+    "names", METADATA, _text("name", primary_key=True), _asset(), _text("labelled", nullable=True)
+)
 BASELINES = Table("baselines", METADATA, _asset(primary_key=True), _text("file"), _json("about"))
 BASELINE_NUMBERS = Table("baseline_numbers", METADATA, _key(), sqlite_autoincrement=True)
 AUDIT = Table(

@@ -41,14 +41,14 @@ class KeptSignals(ABC):
         """One window as it was processed; NotKept, which says what is kept, where it is not there."""
         found = self.files(asset).get(index)
         if found is None:
-            raise NotKept(f"the raw signals of window {index} of {asset} are not kept; {self._listed(asset)}")
+            raise NotKept(f"the raw signals of window {index} are not kept; {self._listed(asset)}")
         try:
             return read_window(found[1])
         except FileNotFoundError:
-            raise NotKept(f"the raw signals of window {index} of {asset} have been deleted") from None
+            raise NotKept(f"the raw signals of window {index} have been deleted") from None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise NotKept(
-                f"the raw signals of window {index} of {asset} cannot be read: {found[1].name} is damaged "
+                f"the raw signals of window {index} cannot be read: {found[1].name} is damaged "
                 f"({type(error).__name__}: {error})"
             ) from error
 

@@ -30,7 +30,6 @@ class SignalStore(KeptSignals):
         """limit  bytes that one asset may take; 0 keeps nothing"""
         self.folder, self.limit = Path(folder), limit
         self._lock = threading.Lock()  # not held while a window is written: nobody waits for that
-        self._names: dict[str, str] = {}  # those that assets had before, and the present one of each
         self._kept: dict[str, dict[int, tuple[KeptWindow, Path]]] = {}
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -75,9 +74,8 @@ class SignalStore(KeptSignals):
         return True
 
     def _place(self, asset: str, name: str, file: Path, size: int) -> None:
-        """Moves the file of a window to those of its asset, whatever that is called by now."""
+        """Moves the file of a window to those of its asset."""
         with self._lock:
-            asset = self._names.get(asset, asset)
             of_asset = self._kept.setdefault(asset, {})
             beside = next((path.parent for _, path in of_asset.values()), None)
             folder = beside or folder_in(self.folder, asset, make=True)
@@ -94,41 +92,10 @@ class SignalStore(KeptSignals):
             for old in dropped:
                 old.unlink(missing_ok=True)
 
-    def rename(self, asset: str, name: str) -> None:
-        """Gives what is kept of an asset, and what still comes under its name, to another name."""
-        with self._lock:
-            self._names = {former: name if now == asset else now for former, now in self._names.items()}
-            self._names[asset] = name
-            old = folder_in(self.folder, asset)
-            if old.is_dir():
-                new = folder_in(self.folder, name, make=True)
-                _move(old, new)
-                self._kept.pop(asset, None)
-                self._kept[name] = _opened(new)
-
-    def settle(self, former: Mapping[str, str]) -> None:
-        """Gives what an earlier run has left under names that assets had before to those assets."""
-        for name, asset in former.items():
-            try:
-                self.rename(name, asset)
-            except OSError as error:
-                log.warning("the raw signals of %s stay under its former name %s: %s", asset, name, error)
-
     def files(self, asset: str) -> Mapping[int, KeptFile]:
         """What is kept of an asset, with the files."""
         with self._lock:
             return dict(self._kept.get(asset, {}))
-
-
-def _move(old: Path, new: Path) -> None:
-    """Moves a folder's files into another: of two files of the same name, the newer is kept."""
-    for path in old.iterdir():
-        other = new / path.name
-        if other.exists() and other.stat().st_mtime_ns > path.stat().st_mtime_ns:
-            path.unlink()
-        else:
-            path.replace(other)
-    old.rmdir()
 
 
 def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:

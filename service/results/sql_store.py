@@ -37,10 +37,10 @@ JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "reti
 NAMED: BindParameter[str] = bindparam("of")  # the asset that a statement is about
 
 _PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
-_ALL_ASSETS = select(*(ASSETS.c[n] for n in ("asset", *JSON_PARTS, *COUNTS, "seal"))).order_by(ASSETS.c.asset)
+_ALL_ASSETS = select(*(ASSETS.c[n] for n in ("asset", "label", *JSON_PARTS, *COUNTS, "seal"))).order_by(ASSETS.c.asset)
 _ASSET = _ALL_ASSETS.where(ASSETS.c.asset == NAMED)
 _SHOWN_ASSET = select(
-    *(ASSETS.c[n] for n in ("asset", *JSON_PARTS, *COUNTS, "seal") if n != "state"),
+    *(ASSETS.c[n] for n in ("asset", "label", *JSON_PARTS, *COUNTS, "seal") if n != "state"),
     ASSETS.c.state.is_not(None).label("has_state"),
 ).where(ASSETS.c.asset == NAMED)
 _ALL_TOTALS = select(FAULT_TOTALS)
@@ -60,12 +60,8 @@ _SOME_WINDOWS = (
     .limit(bindparam("most"))
 )
 _THESE = _WINDOW.where(_OF_EPOCH, WINDOWS.c.number.in_(bindparam("numbers", expanding=True))).order_by(WINDOWS.c.number)
-_LATEST = (
-    _WINDOW.where(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
-    .order_by(WINDOWS.c.number.desc())
-    .limit(bindparam("most"))
-)
 _OF_PRESENT = and_(WINDOWS.c.asset == NAMED, WINDOWS.c.epoch == _EPOCH_OF)
+_LATEST = _WINDOW.where(_OF_PRESENT).order_by(WINDOWS.c.number.desc()).limit(bindparam("most"))
 _NEWEST = select(func.max(WINDOWS.c.number)).where(_OF_PRESENT).scalar_subquery()
 _KEEP_LAST = update(WINDOWS).where(_OF_PRESENT, WINDOWS.c.number == _NEWEST).values(notable=END_OF_EPOCH)
 _EPOCHS = epochs_of(NAMED)
@@ -224,7 +220,7 @@ class SqlStore:
     def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
         """Keeps one measured depth, which waits to become part of the estimate; its id."""
         with self._transaction() as db:
-            asset = self.database.present(db, asset)
+            self.database.ensure(db, asset)
             row = {"asset": asset, "received_ns": later_time_ns(), "done": 0}
             row |= {"inspection": dump(inspection), "answer": dump(answer)}
             return self.database.add(db, INSPECTIONS, row)
@@ -255,7 +251,7 @@ class SqlStore:
     def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
         """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
         with self._transaction() as db:
-            asset = self.database.present(db, asset)
+            self.database.ensure(db, asset)
             row = {"asset": asset, "received_ns": later_time_ns(), "name": name, "verb": verb}
             row |= {"signed_by": by, "note": note}
             return self.database.add(db, DECISIONS, row)
@@ -291,7 +287,7 @@ class SqlStore:
         """What is committed of the asset; empty where it has never been seen, without what is damaged."""
         rows = self._rows(_ASSET, {"of": asset})
         if not rows:
-            return StoredAsset(asset=asset)
+            return StoredAsset(asset=asset, label=asset)
         return self._stored(
             rows[0]._mapping, fault_totals.totals_by_asset(self._rows(_TOTALS, {"of": asset})).get(asset, {})
         )
@@ -300,7 +296,7 @@ class SqlStore:
         """As `asset`, for whoever shows it: what the twin remembers stays in the database, unread and unchecked."""
         rows = self._rows(_SHOWN_ASSET, {"of": asset})
         if not rows:
-            return StoredAsset(asset=asset)
+            return StoredAsset(asset=asset, label=asset)
         row = {**rows[0]._mapping, "state": None}
         totals = fault_totals.totals_by_asset(self._rows(_TOTALS, {"of": asset})).get(asset, {})
         return replace(self._stored(row, totals), unread_state=row["has_state"])
@@ -329,6 +325,7 @@ class SqlStore:
             parts["report"] = current_report(parts["report"])
         return StoredAsset(
             asset=asset,
+            label=row["label"],
             **parts,
             windows=row["windows"],
             updates=row["updates"],
@@ -470,7 +467,7 @@ class SqlStore:
     def _refuse_damaged(self, asset: str) -> None:
         """StorageUnavailable where the asset cannot go on from what is kept of it."""
         if (why := self._damaged.get(asset)) is not None:
-            text = f"{why}: its windows wait until a backup has been restored, or the asset was given another name"
+            text = f"{why}: its windows wait until a backup has been restored, or the machine was given another asset"
             raise StorageUnavailable(text, reason="damaged")
 
     def _keep(

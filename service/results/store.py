@@ -69,6 +69,7 @@ class StoredAsset:
     """All that is known of one asset, as committed; None where nothing has been committed yet."""
 
     asset: str
+    label: str  # what it is called now
     rig: Mapping[str, Any] | None = None
     state: Mapping[str, Any] | None = None  # of the twin
     report: Mapping[str, Any] | None = None
@@ -116,9 +117,7 @@ class Tables(Protocol):
 
     def ensure(self, db: Any, asset: str) -> None: ...
 
-    def present(self, db: Any, asset: str) -> str: ...
-
-    def renamed(self, db: Any, asset: str, name: str) -> None: ...
+    def named(self, db: Any, asset: str, name: str) -> None: ...
 
 
 class ResultStore(Protocol):

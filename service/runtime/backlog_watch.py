@@ -36,24 +36,29 @@ class BacklogWatch:
         if now - self._looked < LOOK_EVERY:
             return
         self._looked = now
-        at_work, reason = frozenset(self._computing.at_work()), self._computing.unusable()
+        at_work, reason = frozenset(map(self._named, self._computing.at_work())), self._computing.unusable()
         for lane in self._lanes.all():
             shown = self._board.get(lane.asset)
-            found = waiting_of(lane, at_work, reason)
+            found = waiting_of(lane, self._named(lane.asset), at_work, reason)
             if shown is not None and shown.waiting != found:
                 self._board.update(lane.asset, waiting=found)
                 self._publication.publish(lane.asset)
 
+    def _named(self, asset: str) -> str:
+        shown = self._board.get(asset)
+        return asset if shown is None else shown.name
 
-def waiting_of(lane: Lane, at_work: Collection[str], reason: str | None = None) -> Waiting | None:
+
+def waiting_of(lane: Lane, name: str, at_work: Collection[str], reason: str | None = None) -> Waiting | None:
     """What waits in an asset's lane; None where nothing has waited for long. Windows that wait for people do not count.
 
-    at_work  the assets whose twins compute now
+    name     of the asset
+    at_work  the names of the assets whose twins compute now
     reason   why none can compute; None where they can
     """
     entry = lane.next_entry()
     if entry is None or lane.all_wait or entry.journey.waited < SHOWN_AFTER:
         return None
-    behind = () if lane.asset in at_work else tuple(sorted(at_work))
+    behind = () if name in at_work else tuple(sorted(at_work))
     waiting = len(lane.entries) - lane.held
     return Waiting(windows=waiting, since_ns=entry.journey.closed_ns, behind=behind, reason=reason)

@@ -7,7 +7,6 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from types import TracebackType
 
 from service.alarms.keeper import AlarmKeeper
@@ -20,7 +19,7 @@ from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.data_folder import BASELINES, SIGNALS, WAITING
 from service.results.decision_queue import DecisionQueue
-from service.results.former_names import former_names
+from service.results.names import Names
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
@@ -58,22 +57,21 @@ class Begun(AbstractContextManager["Begun"]):
             store = stack.enter_context(open_store())
             life = AssetLife(store.database, settings.data / WAITING)
             life.step_back()
+            names = Names(store.database)
             known, board = stack.enter_context(_restored(store))
             signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
-            signals.settle(former_names(store.database))
             alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
-            are_open = alarms.store.open()
-            for asset in {alarm["asset"] for alarm in are_open}:
-                board.update(asset, alarms=tuple(alarm for alarm in are_open if alarm["asset"] == asset))
+            for asset, opened in alarms.store.open_by_asset().items():
+                board.update(asset, alarms=opened)
             kept = Kept(
                 store=store,
                 board=board,
                 decisions=DecisionQueue(store),
                 life=life,
                 changes=ChangeQueue(life),
-                unknown=unknown_of(settings, board, life, elsewhere),
+                unknown=unknown_of(settings, board, names, elsewhere),
                 baselines=BaselineStore(store.database, settings.data / BASELINES),
-                signals=signals,
+                names=names,
                 alarms=alarms,
                 known=known,
             )
@@ -83,8 +81,7 @@ class Begun(AbstractContextManager["Begun"]):
                 given_rigs,
                 RigProposals(life.rejected_rigs),
                 asks=kept.unknown.asks,
-                former=partial(former_names, store.database),
-                routes=life.routes,
+                names=names,
             )
             resources = stack.pop_all()
         return cls(store=store, board=board, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
@@ -107,13 +104,10 @@ def _restored(store: ResultStore) -> Iterator[tuple[dict[str, StoredAsset], Boar
         gc.unfreeze()
 
 
-def unknown_of(
-    settings: Settings, board: Board, life: AssetLife, elsewhere: Elsewhere = everything_here
-) -> UnknownAssets:
+def unknown_of(settings: Settings, board: Board, names: Names, elsewhere: Elsewhere = everything_here) -> UnknownAssets:
     """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
-    renamed = life.routes()
     for asset in (*settings.assets, *settings.asset_rigs):
-        if board.get(asset) is None and asset not in renamed and elsewhere(asset) is None:
+        if names.is_free(asset) and elsewhere(asset) is None:
             board.update(asset)
     rule, why = settings.rule_of_new_assets
     log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")

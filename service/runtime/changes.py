@@ -5,7 +5,7 @@
 | gears_replaced, sensor_moved, oil_changed, counter_reset, reassembled | ends what twin/machine_changes.py says |
 | other_machine | answers a question: the windows that wait, and the stream, are those of a new asset |
 | ignore | answers a question: the windows of the fallen count are not used; the earlier rig file is kept |
-| renamed | the asset with its whole history has another name; frames under the old name go on to it |
+| renamed | the asset has another name; frames under this and the earlier ones are its |
 | baseline_given, baseline_removed | the asset has a healthy baseline of its own, or that of the settings again |
 | retired, reinstated | no frames are expected, and those that come are left out; and the reverse |
 
@@ -15,7 +15,6 @@ transaction each; those that a kill leaves are processed by the next start.
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -32,9 +31,9 @@ from service.results.asset_life import AssetLife, StoredChange
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
+from service.results.names import Names
 from service.results.present_machine import demand_present
 from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
-from service.results.signal_store import SignalStore
 from service.results.sparkline import Sparkline
 from service.results.status_events import status_events
 from service.results.store import ResultStore
@@ -47,14 +46,11 @@ from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
 from service.runtime.rigs import MOST_NAMED, other_gears
 from service.runtime.spool import Spool
-from service.runtime.staleness import StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Events
 from service.stream.quality import Quality
 from twin.machine_change import MachineChange
-
-log = logging.getLogger(__name__)
 
 IGNORED = "windows of this revolution count are not used, as decided when it had fallen"
 
@@ -83,20 +79,19 @@ class ChangeWorker:
         board: Board,
         publication: StatePublication,
         *,
+        names: Names,
         streams: Streams,
         intake: Intake,
         spool: Spool,
-        signals: SignalStore | None,
         alarms: AlarmKeeper | None,
         baselines: BaselineStore,
         proposals: RigProposals,
-        watch: StalenessWatch,
     ) -> None:
-        self._proposals, self._watch = proposals, watch
+        self._names, self._proposals = names, proposals
         self._queue, self._reception, self._lanes = queue, reception, lanes
         self._store, self._life = store, life
         self._board, self._publication = board, publication
-        self._streams, self._intake, self._spool, self._signals = streams, intake, spool, signals
+        self._streams, self._intake, self._spool = streams, intake, spool
         self._alarms, self._baselines = alarms, baselines
         self._begun: set[int] = set()
         self._kinds: Mapping[str, _Kind] = {
@@ -118,19 +113,18 @@ class ChangeWorker:
 
     def pending(self) -> tuple[list[Pending]]:
         """The changes that wait."""
-        return ([Pending(change.received_ns, partial(self._begin, change.id)) for change in self._queue.pending()],)
+        return ([Pending(change.received_ns, partial(self._begin, change)) for change in self._queue.pending()],)
 
-    def _begin(self, number: int) -> None:
-        if number in self._begun:
+    def _begin(self, change: StoredChange) -> None:
+        if change.id in self._begun:
             return
-        change = self._life.change(number)  # again: one before it may have renamed the asset
         kind = self._kinds.get(change.kind, _Kind(self._ask_machine, self._machine))
 
         def ask(lane: Lane) -> Ask | None:
-            return kind.ask(lane, replace(change, asset=lane.asset))  # which may have another name by now
+            return kind.ask(lane, change)
 
         def then(lane: Lane, made: Made) -> None:
-            kind.then(lane, replace(change, asset=lane.asset), made)
+            kind.then(lane, change, made)
             self._end(change)
 
         def refuse(reason: str) -> None:
@@ -138,9 +132,9 @@ class ChangeWorker:
             self._end(change)
 
         if self._lanes.find(change.asset) is None and change.kind not in self._kinds:
-            refuse(f"no window of {change.asset} has been processed yet: there is nothing that the change ends")
+            refuse("no window has been processed yet: there is nothing that the change ends")
         else:
-            self._begun.add(number)
+            self._begun.add(change.id)
             self._lanes.do(change.asset, Job(ask=ask, then=then, refuse=refuse))
 
     def _end(self, change: StoredChange) -> None:
@@ -206,7 +200,7 @@ class ChangeWorker:
         effect = {"asset": name}
         with self._once(change, effect) as first:
             if first:
-                self._demand_new(name)
+                self._names.demand_free(name)
                 self._store.keep(asset, question=None, state=made.state.to_dict())
                 self._store.note(name, [("change", {"kind": "created", "from": asset})])
                 if rig is not None:
@@ -215,7 +209,7 @@ class ChangeWorker:
                     self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
                 if not fresh:
                     self._life.give_waiting(asset, name)
-                self._life.route(asset, name)
+                self._names.give_streams(asset, name)
                 self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         self._streams.reload()
         self._lanes.of(name)
@@ -225,7 +219,7 @@ class ChangeWorker:
         if fresh:
             self._reception.flush(asset)
         else:
-            self._spool.rename(asset, name)
+            self._spool.give(asset, name)
         self._reception.split(asset, name, fresh=fresh)
         self._intake.know(name)
         self._board.update(name, rig=rig, last_event_id=last_of_new)
@@ -255,29 +249,16 @@ class ChangeWorker:
         self._show(asset, last)
 
     def _rename(self, lane: Lane, change: StoredChange, made: Made) -> None:
-        """The asset has another name, and all its history with it."""
-        old, name = change.asset, change.given["name"]
-        effect = {"asset": name, "was": old}
+        """The asset has another name."""
+        asset, name = change.asset, change.given["name"]
+        effect = {"asset": name, "was": self._names.label(asset)}
         with self._once(change, effect) as first:
             if first:
-                self._demand_new(name)
-                self._life.rename(old, name)
-                self._store.note(name, [_event(change, effect)])
-        last = self._store.last_event_id(name)
-        self._streams.rename(old, name)
-        for part in (self._reception, self._lanes, self._spool, self._intake, self._proposals, self._watch):
-            part.rename(old, name)
-        self._board.rename(old, name)
-        self._publication.withdraw(old)
-        self._show(name, last)
-        try:
-            if self._signals is not None:
-                self._signals.rename(old, name)
-        except OSError as error:
-            log.error(
-                "the raw signals of %s stay under its former name %s until the next start: %s",
-                name, old, error.strerror or error, extra={"asset": name},
-            )  # fmt: skip
+                self._names.rename(asset, name)
+                self._store.note(asset, [_event(change, effect)])
+        self._streams.reload()
+        opened = () if self._alarms is None else self._alarms.open(asset)
+        self._show(asset, self._store.last_event_id(asset), label=name, alarms=opened)
 
     def _retire(self, lane: Lane, change: StoredChange, made: Made) -> None:
         """The asset is out of use, or in use again."""
@@ -337,9 +318,9 @@ class ChangeWorker:
         """Opens the question, unless that has been done before the service was killed."""
         question = self._lanes.question(asset)
         if question is not None and question.get("rig") != rig:
-            raise InputError(f"the open question of {asset} must be answered first")
+            raise InputError("the open question must be answered first")
         if question is None:
-            found = gears_differ(asset, identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
+            found = gears_differ(identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
             self._lanes.ask(asset, {**found, "rig": dict(rig), "settings": False})
 
     def _reject_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
@@ -396,18 +377,14 @@ class ChangeWorker:
     def _open_question(self, change: StoredChange) -> Mapping[str, Any]:
         question = self._lanes.question(change.asset)
         if question is None or change.kind not in question["answers"]:
-            raise InputError(f"{change.kind} answers a question, and none that it answers is open for {change.asset}")
+            raise InputError(f"{change.kind} answers a question, and none that it answers is open")
         return question
-
-    def _demand_new(self, name: str) -> None:
-        if name in self._store.assets() or self._streams.asset_of(name) != name:
-            raise InputError(f"there is an asset {name!r} already, or one that was called so: give another name")
 
     def _demand_sensor(self, asset: str, sensor: str) -> None:
         channels = self._reception.quality(asset).get("channels") or {}
         known = sorted(label.partition("/")[2] for label in channels if label.startswith("accel/"))
         if known and sensor not in known:
-            raise InputError(f"no accelerometer {sensor!r} of {asset} has sent a frame; known: {', '.join(known)}")
+            raise InputError(f"no accelerometer {sensor!r} has sent a frame; known: {', '.join(known)}")
 
     def _revolutions(self, asset: str) -> float | None:
         snapshot = self._board.get(asset)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.inspections import outcome_of, refusal
@@ -23,6 +24,8 @@ from service.runtime.reception import Reception
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
 from twin.tracing.decisions import Decision
+
+T = TypeVar("T", StoredDecision, StoredInspection)
 
 
 class DecisionWorker:
@@ -52,21 +55,18 @@ class DecisionWorker:
         """The decisions that wait, and the inspections."""
         decisions, inspections = self._queue.pending(), self._queue.pending_inspections()
         return (
-            [Pending(d.received_ns, partial(self._begin_decision, d.id)) for d in decisions],
-            [Pending(i.received_ns, partial(self._begin_inspection, i.id)) for i in inspections],
+            [Pending(d.received_ns, partial(self._begin, ("decision", d.id), d, self._decision)) for d in decisions],
+            [
+                Pending(i.received_ns, partial(self._begin, ("inspection", i.id), i, self._inspection))
+                for i in inspections
+            ],
         )
 
-    def _begin_decision(self, number: int) -> None:
-        if ("decision", number) not in self._begun:
-            waiting = self._store.decision(number)  # again: a change before it may have renamed the asset
-            self._begin(("decision", number), waiting.asset, self._decision(waiting))
+    def _begin(self, key: tuple[str, int], waiting: T, job_of: Callable[[T], Job]) -> None:
+        if key in self._begun:
+            return
+        job = job_of(waiting)
 
-    def _begin_inspection(self, number: int) -> None:
-        if ("inspection", number) not in self._begun:
-            waiting = self._store.inspection(number)
-            self._begin(("inspection", number), waiting.asset, self._inspection(waiting))
-
-    def _begin(self, key: tuple[str, int], asset: str, job: Job) -> None:
         def then(lane: Lane, made: Made) -> None:
             job.then(lane, made)
             self._end(key)
@@ -75,11 +75,11 @@ class DecisionWorker:
             job.refuse(reason)
             self._end(key)
 
-        if self._lanes.find(asset) is None:
-            refuse(f"no window of {asset} has been processed yet")
+        if self._lanes.find(waiting.asset) is None:
+            refuse("no window has been processed yet")
         else:
             self._begun.add(key)
-            self._lanes.do(asset, Job(ask=job.ask, then=then, refuse=refuse))
+            self._lanes.do(waiting.asset, Job(ask=job.ask, then=then, refuse=refuse))
 
     def _end(self, key: tuple[str, int]) -> None:
         self._begun.discard(key)
@@ -113,14 +113,13 @@ class DecisionWorker:
             (kind, {**data, **signed} if kind == "effect" and data.get("action") == waiting.verb else data)
             for kind, data in outcome.events
         ]
-        own = replace(waiting, asset=outcome.asset)  # which may have another name by now
-        return self._store.carry_out(own, state=outcome.state.to_dict(), report=outcome.report, events=events)
+        return self._store.carry_out(waiting, state=outcome.state.to_dict(), report=outcome.report, events=events)
 
     def _inspected(self, waiting: StoredInspection, outcome: DecisionOutcome) -> bool:
         before = self._board.get(outcome.asset)
         changed = outcome_of(waiting.inspection, before.report if before else None, outcome.report)
         return self._store.use_inspection(
-            replace(waiting, asset=outcome.asset),
+            waiting,
             answer={**waiting.answer, **changed},
             state=outcome.state.to_dict(),
             report=outcome.report,

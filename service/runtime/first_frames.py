@@ -48,7 +48,7 @@ class FirstFrames:
     """Looks at the first frame of each key.
 
     behind    puts a call behind the frames of a stream that have come; where there is no room for it, it is not made
-    asset_of  the asset that a stream belongs to at present; its own name unless it has been renamed
+    asset_of  the asset that a stream belongs to at present
     """
 
     def __init__(

@@ -164,20 +164,6 @@ class Intake:
         """An asset whose channels another one's stream has shown."""
         self._known.add(asset)
 
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name."""
-        if asset in self._known:
-            self._known.remove(asset)
-            self._known.add(name)
-        if asset in self._shown:
-            self._shown[name] = self._shown.pop(asset)
-        if asset in self._missing:
-            self._missing[name] = self._missing.pop(asset)
-        if asset in self._unopened:
-            held = self._unopened.pop(asset)
-            self._unopened[name] = [replace(f, channel=f.channel._replace(asset=name)) for f in held]
-        self._learning.rename(asset, name)
-
     def _open(self, asset: str) -> bool:
         """Looks for a new asset's rig file now: who offers it may be gone later. False where that must wait."""
 

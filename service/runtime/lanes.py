@@ -290,7 +290,7 @@ class Lanes:
         if fell is None:
             self._settle(lane, partial(self._commit, lane, entry, made))
         elif self._waiting is not None and not fell.ignored:
-            question = lane.question or count_fell(lane.asset, fell.seen, fell.fallen, entry.start_ns)
+            question = lane.question or count_fell(fell.seen, fell.fallen, entry.start_ns)
             self._settle(lane, partial(self._hold, lane, question, made.state))
         else:
             refused = Made(state=made.state, refused=fell.reason, window=made.window, raw=made.raw)
@@ -355,18 +355,12 @@ class Lanes:
         frames = repeats.suspicious()
         if frames and question is None:
             ended_ns = self._reception.ended_ns(asset)
-            self.ask(asset, frames_repeat(asset, frames, bool(repeats.other), ended_ns))
+            self.ask(asset, frames_repeat(frames, bool(repeats.other), ended_ns))
         elif question is not None and not repeats.run:
             self.ask(asset, None)
             self._turn(self.of(asset))
 
     # -- life ----------------------------------------------------------------------------------------
-
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name, once that has been committed."""
-        if asset in self._lanes:
-            lane = self._lanes[name] = self._lanes.pop(asset)
-            lane.asset = name
 
     def give(self, asset: str, name: str, *, fresh: bool) -> None:
         """The windows of an asset that wait are a new asset's, which goes on with its stream.

@@ -6,7 +6,7 @@ channels that begin a little later.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from service.stream.frames import Frame
 from service.stream.position import ChannelPosition
@@ -57,12 +57,6 @@ class LearningPhase:
             label: ChannelPosition(sequence=frame.sequence, start_ns=frame.start_time_ns)
             for label, frame in frames.items()
         }
-
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name."""
-        if asset in self._held:
-            held = self._held[name] = self._held.pop(asset)
-            held.frames = [replace(f, channel=f.channel._replace(asset=name)) for f in held.frames]
 
     def add(self, frame: Frame, now: float) -> list[Frame]:
         """Holds a frame; answers all held frames, in the order received, once the phase is over."""

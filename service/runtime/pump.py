@@ -182,7 +182,7 @@ class Pump:
                   called with its name and when the newest frame of its other streams came [s]
     asks          whether a session asks what is stored of what it sends: it sends a recording
     between       called between frames, at least every tenth of a second while no window is being processed
-    asset_of      the asset that a stream belongs to at present; its own name unless it has been renamed
+    asset_of      the asset that a stream belongs to at present
     clock         the monotonic clock [s]
     """
 
@@ -276,7 +276,7 @@ class Pump:
         return found
 
     def _begun(self, asset: str) -> _Rhythm:
-        """The rhythm of an asset that has none under its name: it may have just been renamed."""
+        """The rhythm of an asset that has none: that of a stream which has just become its."""
         for known_as, rhythm in self._rhythms.items():
             if any(self._asset_of(stream) == asset for stream in rhythm.streams):
                 return self._rhythms.pop(known_as)
@@ -291,7 +291,7 @@ class Pump:
         """Ends the windows of assets that have fallen silent."""
         for known_as, rhythm in list(self._rhythms.items()):
             asset = self._asset_of(rhythm.stream)
-            if asset != known_as:  # it has been renamed, or the stream has been found to be another machine's
+            if asset != known_as:  # the stream has been found to be another machine's
                 del self._rhythms[known_as]
                 rhythm = self._rhythms.setdefault(asset, rhythm)
             rhythm.streams = {stream for stream in rhythm.streams if self._asset_of(stream) == asset}

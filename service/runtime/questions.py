@@ -20,29 +20,29 @@ ANSWERS = {
 ALL_WAIT = (GEARS_DIFFER,)  # kinds during which no window can be assigned; else those that continue the count are used
 
 
-def count_fell(asset: str, seen: float, now: float, time_ns: int) -> dict[str, Any]:
+def count_fell(seen: float, now: float, time_ns: int) -> dict[str, Any]:
     """The question where a revolution count has fallen."""
     detail = (
-        f"The pinion of {asset} had made {seen:,.0f} revolutions, and has made {now:,.0f} by a later window: the gears "
+        f"The pinion had made {seen:,.0f} revolutions, and has made {now:,.0f} by a later window: the gears "
         "may have been replaced, the counter may have been reset, or this may be another machine."
     )
     return _question(COUNT_FELL, detail, time_ns)
 
 
-def gears_differ(asset: str, differences: Sequence[str], where: str, time_ns: int) -> dict[str, Any]:
+def gears_differ(differences: Sequence[str], where: str, time_ns: int) -> dict[str, Any]:
     """The question where a rig file describes other gears than those that the asset's state was learned with."""
-    detail = f"The {where} describes other gears than those of {asset} so far: {', '.join(differences)}."
+    detail = f"The {where} describes other gears than those so far: {', '.join(differences)}."
     return _question(GEARS_DIFFER, detail, time_ns) | {"differences": list(differences)}
 
 
-def frames_repeat(asset: str, frames: int, differ: bool, time_ns: int) -> dict[str, Any]:
+def frames_repeat(frames: int, differ: bool, time_ns: int) -> dict[str, Any]:
     """The question where nothing but frames of times that have passed is received.
 
     differ  whether they have been compared with the used frames, and are others
     """
     compared = "differ from those" if differ else "could not be recognised as the same ones"
     detail = (
-        f"The latest {frames} frames of {asset} lie at times for which frames have already been used, and {compared}: "
+        f"The latest {frames} frames lie at times for which frames have already been used, and {compared}: "
         "they may be of another machine, or of a recording made earlier. They are not used; send them again under the "
         "name of the machine that they belong to."
     )

@@ -186,11 +186,6 @@ class Reception:
         """Asks no more about the frames that are left out at present."""
         self._of(asset).assembler.repeats.ignored = True
 
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name, once that has been committed."""
-        if asset in self._assets:
-            self._assets[name] = self._assets.pop(asset)
-
     def split(self, asset: str, name: str, *, fresh: bool) -> None:
         """A new asset takes over the stream of another one, which keeps what it has seen.
 

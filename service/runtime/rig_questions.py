@@ -81,7 +81,7 @@ class RigQuestions:
             self._rigs.propose(asset, rig)
         if not differences or self._lanes.question(asset) is not None or self._ignored(asset, differences):
             return
-        question = gears_differ(asset, differences, where, self._reception.ended_ns(asset))
+        question = gears_differ(differences, where, self._reception.ended_ns(asset))
         kept = {**question, "rig": dict(rig), "settings": settings}
         self._lanes.ask(asset, kept)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +24,7 @@ from service.files.documents import parsed_document
 from service.files.rig import checked_rig, load_mapping
 from service.files.rig_difference import differences
 from service.results.board import Board
+from service.results.names import Names
 from service.results.rig_proposals import RigProposals
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
@@ -101,8 +102,7 @@ class Rigs:
     given      those of the settings
     proposals  where those wait that people must decide on
     asks       whether that is so for every rig file that is offered
-    former     names that assets had before, each with its asset
-    routes     streams whose asset has another name, each with that asset
+    names      of the assets; None where each has its id alone
     """
 
     def __init__(
@@ -113,12 +113,11 @@ class Rigs:
         proposals: RigProposals | None = None,
         *,
         asks: bool = False,
-        former: Callable[[], Mapping[str, str]] = dict,
-        routes: Callable[[], Mapping[str, str]] = dict,
+        names: Names | None = None,
     ) -> None:
         self._store, self._board, self.given = store, board, given
         self.proposals, self.asks = proposals or RigProposals(), asks
-        self._former, self._routes = former, routes
+        self._names = names
 
     def given_of(self, asset: str) -> Mapping[str, Any] | None:
         """The rig file that the settings give for an asset, under its name or one that it had before."""
@@ -133,12 +132,12 @@ class Rigs:
         return self.given_of(asset) is None and self._store.asset(asset).rig is None
 
     def _name_given(self, asset: str) -> str:
-        """The name under which the settings give an asset its own rig file; the present one where they give none."""
-        own = self.given.own
-        if asset in own or all(self._board.get(name) is not None for name in own):
+        """The name under which the settings give an asset its own rig file; its id where they give none."""
+        own, names = self.given.own, self._names
+        if not own or names is None:
             return asset
-        former = self._former()
-        return next((name for name in own if former.get(name) == asset), asset)
+        its = (name for name in (names.label(asset), asset, *own) if name in own)
+        return next((name for name in its if (names.labelled(name) or name) == asset), asset)
 
     def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
         """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
@@ -177,7 +176,9 @@ class Rigs:
         return checked
 
     def _offered_for(self, asset: str, offered: OfferedRigs) -> Mapping[str, Any] | None:
-        for stream in streams_of(asset, self._routes()):
+        names = self._names
+        streams = [asset] if names is None else streams_of(asset, names.routes())
+        for stream in sorted(streams, key=lambda stream: names is None or stream != names.label(asset)):
             found = offered.find(stream)
             if found is not None:
                 return found

@@ -86,10 +86,10 @@ class Spool:
         pending = self._pending.get(asset)
         return min((closed.window.start_time_ns for closed in pending.copy()), default=None) if pending else None
 
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name, once that has been committed."""
+    def give(self, asset: str, other: str) -> None:
+        """The windows of an asset that wait in memory are another one's, once that has been committed."""
         if asset in self._pending:
-            self._pending[name] = deque(replace(closed, asset=name) for closed in self._pending.pop(asset))
+            self._pending[other] = deque(replace(closed, asset=other) for closed in self._pending.pop(asset))
 
     @property
     def held_bytes(self) -> int:

@@ -133,13 +133,6 @@ class StalenessWatch:
             heard.first_ns, heard.window_ns = now, window_ns
         heard.last_ns = now
 
-    def rename(self, asset: str, name: str) -> None:
-        """The asset has another name: what is known of it goes with it."""
-        every: tuple[dict[str, Any], ...] = (self._heard, self._since, self._retired, self._judged, self._window)
-        for known in every:
-            if asset in known:
-                known[name] = known.pop(asset)
-
     def __call__(self) -> None:
         """Looks at the assets, if that is due."""
         now, before = self._clock(), self._looked

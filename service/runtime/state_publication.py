@@ -13,40 +13,49 @@ class StatePublication:
 
     def __init__(self, transport: Transport, board: Board) -> None:
         self._transport, self._board = transport, board
-        self._published: dict[str, str] = {}  # alarms as they were published last
+        self._published: dict[str, str] = {}  # alarms as they were published last, by name
+        self._announced: dict[str, str] = {}  # by asset: under which name
         for asset in board.assets():
-            transport.announce(asset)
+            self._announce(asset)
 
     def assets(self) -> tuple[str, ...]:
-        """The assets that have a state."""
-        return self._board.assets()
+        """The names of the assets that have a state."""
+        return self._board.names()
 
-    def state_text(self, asset: str) -> str | None:
-        """The asset's state as the board has it, without its list of windows."""
-        snapshot = self._board.get(asset)
+    def state_text(self, name: str) -> str | None:
+        """The state of the asset of this name as the board has it, without its list of windows."""
+        snapshot = self._board.find(name)
         if snapshot is None:
             return None
         return json.dumps({k: v for k, v in snapshot.whole.items() if k != "windows"}, allow_nan=False)
 
-    def alarms_text(self, asset: str) -> str | None:
-        """The asset's open alarms as the board has them."""
-        snapshot = self._board.get(asset)
+    def alarms_text(self, name: str) -> str | None:
+        """The open alarms of the asset of this name as the board has them."""
+        snapshot = self._board.find(name)
         if snapshot is None:
             return None
-        return json.dumps({"asset": asset, "alarms": list(snapshot.alarms)}, allow_nan=False)
-
-    def withdraw(self, asset: str) -> None:
-        """Ends the announcement of an asset that has another name now."""
-        self._published.pop(asset, None)
-        self._transport.withdraw(asset)
+        return json.dumps({"asset": name, "alarms": list(snapshot.alarms)}, allow_nan=False)
 
     def publish(self, asset: str) -> None:
         """Publishes the asset's state as the board has it, and its open alarms where they are others than before."""
-        text, alarms = self.state_text(asset), self.alarms_text(asset)
+        name = self._announce(asset)
+        text, alarms = self.state_text(name), self.alarms_text(name)
         if text is None or alarms is None:
             return
-        self._transport.announce(asset)
-        self._transport.publish_state(asset, text)
-        if self._published.get(asset) != alarms:
-            self._published[asset] = alarms
-            self._transport.publish_alarms(asset, alarms)
+        self._transport.publish_state(name, text)
+        if self._published.get(name) != alarms:
+            self._published[name] = alarms
+            self._transport.publish_alarms(name, alarms)
+
+    def _announce(self, asset: str) -> str:
+        """Announces an asset under its name, and no longer under an earlier one; the name."""
+        snapshot = self._board.get(asset)
+        name = asset if snapshot is None else snapshot.name
+        before = self._announced.get(asset)
+        if before is not None and before != name:
+            self._published.pop(before, None)
+            self._transport.withdraw(before)
+        if snapshot is not None:
+            self._announced[asset] = name
+            self._transport.announce(name)
+        return name

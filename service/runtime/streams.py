@@ -1,7 +1,7 @@
 """Which stream belongs to which asset; frames of a retired asset are left out.
 
-A stream is what a publisher calls an asset. It is the asset of the same name unless people have said otherwise: after
-an asset was renamed, or after the data of its stream were found to be another machine's.
+A stream is what a publisher calls an asset. It is the asset that began under this name, unless people have said
+otherwise: after an asset was given another name, or after the data of its stream were found to be another machine's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Protocol
 
 from service.contract.position import why_retired
 from service.errors import FrameError
-from service.results.asset_life import AssetLife
+from service.results.names import Names
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.pump import FrameConsumer
 from service.stream.channels import CHANNEL_KINDS
@@ -52,7 +52,7 @@ class Streams:
 
     def __init__(
         self,
-        life: AssetLife,
+        names: Names,
         consumer: AssetConsumer,
         retired: Callable[[str], bool],
         unavailable: Callable[[], str | None] = lambda: None,
@@ -60,26 +60,18 @@ class Streams:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._unavailable, self._unknown = unavailable, unknown or UnknownAssets()
-        self._life, self._consumer, self._retired = life, consumer, retired
+        self._names, self._consumer, self._retired = names, consumer, retired
         self.moved: Callable[[str], None] = lambda stream: None  # called with a stream of which something has come
         self.fed: Callable[[Channel, str], None] = lambda channel, asset: None  # called with each frame's
         self.holds: Callable[[str], bool] = lambda stream: False  # whether what has come waits for what was before it
-        self._routes = life.routes()
+        self._routes = names.routes()
         self._clock = clock
         self._retirements: dict[str, _Retirement] = {}
         self.left_out: dict[str, int] = {}  # frames of retired assets
 
     def reload(self) -> None:
-        """Reads the routes again, after they have been changed."""
-        self._routes = self._life.routes()
-
-    def rename(self, asset: str, name: str) -> None:
-        """Goes on under another name, once that has been committed."""
-        self.reload()
-        if asset in self._retirements:
-            self._retirements[name] = self._retirements.pop(asset)
-        if asset in self.left_out:
-            self.left_out[name] = self.left_out.pop(asset)
+        """Reads again which streams belong to which assets, after that has been changed."""
+        self._routes = self._names.routes()
 
     def asset_of(self, stream: str) -> str:
         """The asset that a stream belongs to."""
@@ -91,7 +83,7 @@ class Streams:
 
     @property
     def routed(self) -> tuple[str, ...]:
-        """The streams whose asset has another name."""
+        """The streams whose asset began under another name."""
         return tuple(self._routes)
 
     def feed(self, frame: Frame) -> None:
@@ -184,7 +176,7 @@ class Streams:
         unknown, asset = self._unknown.refusal(stream), self.asset_of(stream)
         if unknown is not None:
             return unknown
-        return why_retired(asset) if self._retired(asset) else self._unavailable()
+        return why_retired(stream) if self._retired(asset) else self._unavailable()
 
     def waiting(self, stream: str) -> bool:
         """Whether frames wait for their window's end."""
@@ -209,9 +201,9 @@ class Streams:
 
 
 def streams_of(asset: str, routes: Mapping[str, str]) -> list[str]:
-    """The streams that belong to an asset, that of its own name first.
+    """The streams that belong to an asset, that under whose name it began first.
 
-    routes  streams whose asset has another name, with that asset
+    routes  streams whose asset began under another name, with that asset
     """
     own = [] if asset in routes else [asset]
     return own + [stream for stream, of in routes.items() if of == asset]

@@ -20,7 +20,7 @@ from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
-from service.results.signal_store import SignalStore
+from service.results.names import Names
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.asset_twins import AssetTwins
@@ -31,7 +31,6 @@ from service.runtime.decisions import DecisionWorker
 from service.runtime.first_frames import FirstFrames
 from service.runtime.in_order import InOrder
 from service.runtime.intake import Intake
-from service.runtime.lane import Lane
 from service.runtime.lanes import LEFT_OUT, Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import NEW, StoredState
@@ -75,9 +74,9 @@ class Kept:
     board: Board
     decisions: DecisionQueue
     life: AssetLife
+    names: Names
     changes: ChangeQueue
     baselines: BaselineStore
-    signals: SignalStore | None = None
     alarms: AlarmKeeper | None = None
     unknown: UnknownAssets = field(default_factory=UnknownAssets)
     known: dict[str, StoredAsset] = field(default_factory=dict)  # all assets as the start has read them, until restored
@@ -309,7 +308,7 @@ class Worker(threading.Thread):
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
-        streams = self._streams = Streams(life, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
+        streams = self._streams = Streams(kept.names, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
         kept.unknown.begin(
             lambda stream: board.get(streams.asset_of(stream)) is not None, (*board.assets(), *streams.routed)
         )
@@ -328,8 +327,8 @@ class Worker(threading.Thread):
         decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
         changes = ChangeWorker(
             kept.changes, reception, lanes, store, life, board, publication,
-            streams=streams, intake=intake, spool=spool, signals=kept.signals, alarms=kept.alarms,
-            baselines=kept.baselines, proposals=self._rigs.proposals, watch=watch,
+            names=kept.names, streams=streams, intake=intake, spool=spool, alarms=kept.alarms,
+            baselines=kept.baselines, proposals=self._rigs.proposals,
         )  # fmt: skip
         requests = InOrder(decisions, changes)
         questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
@@ -451,7 +450,7 @@ def restore(
             continue
         checkpoint = Checkpoint(
             index=next_indices.get(asset, 0) - 1,
-            state=NEW if not stored.has_state else StoredState(partial(_state_of, lanes.of(asset), store)),
+            state=NEW if not stored.has_state else StoredState(partial(_state_of, asset, store)),
             report=stored.report,
             assembly=stored.assembly,
             quality=stored.quality,
@@ -463,6 +462,6 @@ def restore(
         known.clear()
 
 
-def _state_of(lane: Lane, store: ResultStore) -> Mapping[str, Any] | None:
-    """What is stored of an asset's twin, under the name that the asset has by then."""
-    return store.asset(lane.asset).state
+def _state_of(asset: str, store: ResultStore) -> Mapping[str, Any] | None:
+    """What is stored of an asset's twin."""
+    return store.asset(asset).state

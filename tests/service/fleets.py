@@ -16,9 +16,8 @@ from service.fleet.databases import Partitions, engine_of, partition_backend
 from service.fleet.fence import Fence
 from service.fleet.front import serve_front
 from service.fleet.front_board import FleetBoard
-from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife
-from service.fleet.layout import ASSETS, Layout, partition_of
-from service.fleet.naming import renamed
+from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetNames
+from service.fleet.layout import ASSETS, partition_of
 from service.fleet.rows import put, row_of
 from service.json_text import plain
 from service.results.board import Board
@@ -92,6 +91,7 @@ def as_a_front_end(monkeypatch, store):
     """An app over the store has what a front end gives it besides."""
     monkeypatch.setattr(api, "AlarmStore", lambda database: FleetAlarms(store))
     monkeypatch.setattr(api, "AssetLife", lambda database: FleetLife(store))
+    monkeypatch.setattr(api, "Names", lambda database: FleetNames(store))
     monkeypatch.setattr(api, "AuditLog", FleetAudit)
 
 
@@ -111,17 +111,6 @@ class WrittenBoard:
     def update(self, asset, **changes):
         self._written(self._own.update(asset, **changes))
         return self.shown.update(asset, **changes)
-
-    def renames(self, db, asset, name):
-        """What the worker's database does in the transaction that gives an asset another name."""
-        renamed(db, asset, name, self.store.places.partition_of(asset), Layout(PARTITIONS))
-
-    def rename(self, asset, name):
-        self._own.rename(asset, name)
-        with self.store.database.transaction() as db:
-            db.execute(sa.delete(ASSETS).where(ASSETS.c.asset == asset))
-        self._written(self._own.get(name))
-        self.shown.changed([asset])
 
     def _written(self, snapshot):
         with self.store.database.transaction() as db:

@@ -62,7 +62,7 @@ class MemoryStore:
 
     def note(self, asset, events, window_ns=None):
         with self._lock:
-            self._assets.setdefault(asset, StoredAsset(asset=asset))
+            self._assets.setdefault(asset, StoredAsset(asset=asset, label=asset))
             for kind, data in events:
                 self._events.append(Event(id=len(self._events) + 1, asset=asset, kind=kind, data=plain(data)))
 
@@ -79,7 +79,7 @@ class MemoryStore:
 
     def add_inspection(self, asset, inspection, answer):
         with self._lock:
-            self._assets.setdefault(asset, StoredAsset(asset=asset))
+            self._assets.setdefault(asset, StoredAsset(asset=asset, label=asset))
             number = len(self._inspections) + 1
             kept = StoredInspection(
                 id=number, asset=asset, received_ns=1, inspection=inspection, answer=answer, done=False
@@ -135,7 +135,7 @@ class MemoryStore:
         return tuple(sorted(self._assets))
 
     def asset(self, asset):
-        return self._assets.get(asset, StoredAsset(asset=asset))
+        return self._assets.get(asset, StoredAsset(asset=asset, label=asset))
 
     def all_assets(self):
         return tuple(self._assets[asset] for asset in self.assets())

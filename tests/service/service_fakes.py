@@ -17,6 +17,7 @@ from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.data_folder import BASELINES, WAITING
+from service.results.names import Names
 from service.results.sql_store import SqlStore
 from twin.windows import Edges, Window
 
@@ -291,7 +292,7 @@ def fill(store: SqlStore, data: Path) -> None:
     store.add_inspection("unsw", {"revolutions": 10.0}, {})
     life = AssetLife(store.database, data / WAITING)
     life.add_change("unsw", "retired", {"by": "Anna"})
-    life.route("stream", "unsw")
+    Names(store.database).rename("other", "spindle")
     assert life.add_waiting("other", WINDOW)
     baselines = BaselineStore(store.database, data / BASELINES)
     path = baselines.new_path()
@@ -308,19 +309,25 @@ def fill(store: SqlStore, data: Path) -> None:
 
 def life_of(store, asset: str) -> AssetLife:
     """The life of the assets of a store; of a front end's, that of the asset's partition."""
-    own = store.stores.of(asset) if hasattr(store, "stores") else store
-    return AssetLife(own.database)
+    return AssetLife(_own(store, asset).database)
+
+
+def names_of(store, asset: str) -> Names:
+    """The names of the assets of a store, as `life_of`."""
+    return Names(_own(store, asset).database)
+
+
+def _own(store, asset):
+    return store.stores.of(asset) if hasattr(store, "stores") else store
 
 
 def rename(store, board, asset: str, name: str) -> None:
     """Another name of an asset, as the service keeps and shows it."""
-    life, effect = life_of(store, asset), {"asset": name, "was": asset}
-    with life.transaction() as db:
+    life, names = life_of(store, asset), names_of(store, asset)
+    effect = {"asset": name, "was": names.label(asset)}
+    with life.transaction():
         number = life.add_change(asset, "renamed", {"name": name})
         life.change_done(number, effect)
-        life.rename(asset, name)
-        if hasattr(board, "renames"):  # the rows that all partitions share
-            board.renames(db, asset, name)
-        store.note(name, [("change", {"id": number, "kind": "renamed", "name": name, "effect": effect})])
-    board.rename(asset, name)
-    board.update(name, last_event_id=store.last_event_id(name))
+        names.rename(asset, name)
+        store.note(asset, [("change", {"id": number, "kind": "renamed", "name": name, "effect": effect})])
+    board.update(asset, label=name, last_event_id=store.last_event_id(asset))

@@ -23,11 +23,10 @@ from test_asset_life import (
 )
 from test_other_parts import serving
 
-from service.errors import StorageUnavailable
-from service.results.alarm_store import AlarmStore
+from service.errors import InputError, StorageUnavailable
 from service.results.asset_life import AssetLife
 from service.results.board import Board
-from service.results.signal_store import SignalStore
+from service.results.names import Names
 from service.results.sql_store import SqlStore
 from service.stream.sources.mcap import Recording
 
@@ -117,15 +116,41 @@ def after_the_commit(monkeypatch):
 def test_the_stream_of_another_machine_stays_its_own_when_the_first_one_is_renamed(tmp_path):
     """The next frames of the second machine went to the first one again."""
     with SqlStore(tmp_path / "x.sqlite") as store:
-        life = AssetLife(store.database)
+        names = Names(store.database)
         fakes.take(store, None, "unsw", 0, 100.0)
-        life.route("unsw", "bench-2")
-        life.rename("unsw", "unsw-old")
-        assert life.routes() == {"unsw": "bench-2"}
-        life.rename("bench-2", "bench-3")
-        assert life.routes() == {"unsw": "bench-3", "bench-2": "bench-3"}
-        life.rename("unsw-old", "press-7")
-        assert life.routes() == {"unsw": "bench-3", "bench-2": "bench-3", "unsw-old": "press-7"}
+        names.give_streams("unsw", "bench-2")
+        names.rename("unsw", "unsw-old")
+        assert names.routes() == {"unsw": "bench-2", "unsw-old": "unsw"}
+        names.rename("bench-2", "bench-3")
+        assert names.routes() == {"unsw": "bench-2", "unsw-old": "unsw", "bench-3": "bench-2"}
+        assert names.labels() == {"unsw": "unsw-old", "bench-2": "bench-3"}
+        assert [names.labelled(n) for n in ("unsw", "unsw-old", "bench-2", "bench-3")] == ["unsw"] * 2 + ["bench-2"] * 2
+
+
+def test_a_name_is_given_once_but_an_asset_may_have_one_of_its_own_again(each_store):
+    names = Names(each_store.database)
+    for asset in ("unsw", "mill"):
+        each_store.note(asset, [])
+    names.rename("unsw", "press-7")
+    names.rename("unsw", "unsw")  # a mistake is taken back
+    assert names.label("unsw") == "unsw" and names.asset_of("press-7") == "unsw"
+    for name in ("unsw", "press-7"):
+        with pytest.raises(InputError, match=f"there is an asset '{name}' already, or one that was called so"):
+            names.rename("mill", name)
+    assert names.labels() == {"unsw": "unsw", "mill": "mill"} and not names.is_free("press-7") and names.is_free("saw")
+
+
+def test_what_is_kept_and_shown_of_an_asset_is_untouched_by_its_names(each_store):
+    fakes.campaign(each_store, None)
+    before = each_store.asset("unsw"), each_store.windows("unsw"), each_store.events("unsw", 0, 10_000)
+    Names(each_store.database).rename("unsw", "press-7")
+    assert each_store.assets() == ("unsw",)
+    after = each_store.asset("unsw"), each_store.windows("unsw"), each_store.events("unsw", 0, 10_000)
+    assert after == (replace(before[0], label="press-7"), *before[1:])
+    board = Board.from_store(each_store)
+    assert board.get("unsw") is board.find("press-7") and board.find("unsw") is None and board.names() == ("press-7",)
+    assert board.get("unsw").whole["asset"] == board.summaries()[0]["asset"] == "press-7"
+    assert board.update("unsw", label="mill") is board.find("mill") and board.find("press-7") is None
 
 
 @pytest.mark.slow
@@ -196,26 +221,7 @@ def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, 
         assert running.get(UNSW) is None
     with running.store() as store:
         life = AssetLife(tables_of(store))
-        assert [life.change(n).asset for n in numbers] == ["press-7"] * 2 and store.assets() == ("press-7",)
-
-
-def test_what_is_submitted_while_an_asset_is_renamed_is_of_the_renamed_asset(tmp_path):
-    """Whoever had looked an asset up just before made another one of its earlier name."""
-    rule = {"name": "depth", "signal": "wear.depth", "above": 1.0}
-    with SqlStore(tmp_path / "x.sqlite") as store:
-        life, alarms = AssetLife(store.database), AlarmStore(store.database)
-        fakes.take(store, None, "unsw", 0, 100.0)
-        life.rename("unsw", "press-6")
-        life.rename("press-6", "press-7")
-        for name in ("unsw", "press-6", "press-7"):
-            assert life.change(life.add_change(name, "retired", {})).asset == "press-7"
-            assert store.decision(store.add_decision(name, "crack", "confirm")).asset == "press-7"
-            assert store.inspection(store.add_inspection(name, DEPTH, {})).asset == "press-7"
-            alarms.keep_rules(name, [rule], {"by": name, "note": "", "at": ""})
-            assert alarms.rules("press-7")["by"] == name and alarms.rules("unsw") is None
-        assert store.assets() == ("press-7",)
-        life.route("press-7", "bench-2")  # found to be another machine's; there is the asset all the same
-        assert life.change(life.add_change("press-7", "retired", {})).asset == "press-7"
+        assert [life.change(n).asset for n in numbers] == ["unsw"] * 2 and store.assets() == ("unsw",)
 
 
 # -- a storage that fails in the midst of a change -------------------------------------------------------
@@ -259,29 +265,3 @@ def test_a_storage_that_fails_after_gears_were_replaced_does_not_keep_the_earlie
         wait_until(lambda: running.get(UNSW)["epoch"] == 1 and running.get(UNSW)["windows_total"] == WINDOWS)
         assert after_the_commit.failed and running.get(UNSW)["question"] is None
     assert used == [0.020] * WINDOWS + [0.025] * WINDOWS
-
-
-@pytest.mark.slow
-def test_an_asset_whose_signals_cannot_be_moved_has_its_new_name_all_the_same(running, network, first, monkeypatch):
-    """The list showed both names, the new one without its windows."""
-
-    def fails(store, asset, name):
-        raise OSError(39, "Directory not empty")
-
-    monkeypatch.setattr(SignalStore, "rename", fails)
-    send(network, first)
-    running.wait_for_windows(WINDOWS)
-    assert change(running, "renamed", name="press-7")[0] == 201
-    wait_until(lambda: listed(running) == [("press-7", WINDOWS, False)])
-    assert running.get(UNSW) is None
-
-
-def test_what_is_shown_of_a_former_name_is_shown_of_the_present_one():
-    """A person who signed an alarm while the asset was renamed had the list show the earlier name again."""
-    board = Board()
-    board.update("unsw", last_event_id=1)
-    board.rename("unsw", "press-6")
-    board.rename("press-6", "press-7")
-    for number, name in enumerate(("unsw", "press-6", "press-7"), start=2):
-        assert board.update(name, last_event_id=number).asset == "press-7"
-        assert board.assets() == ("press-7",) and board.get("press-7").last_event_id == number

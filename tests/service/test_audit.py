@@ -163,5 +163,5 @@ def test_log_keeps_the_newest_entries(store):
 def test_entries_keep_the_name_that_an_asset_had_then(app, keys):
     key = keys.add("ann", Role.administer)
     ask(app, "POST", f"{BASE}/inspections", key, json=INSPECTION)
-    app.state.changes.life.rename("unsw", "press-7")
+    app.state.names.rename("unsw", "press-7")
     assert entries(app, key)[-1]["asset"] == "unsw"

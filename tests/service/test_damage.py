@@ -16,6 +16,7 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.json_columns import dump, load
+from service.results.names import Names
 from service.results.sql_store import SqlStore
 
 
@@ -157,7 +158,7 @@ def whole(path):
                 found |= {(kind, row.id): row for row in rows}
             found |= {("inspection", i["inspection"]["id"]): i for i in store.inspections(asset)}
         found |= {("alarm", alarm["id"]): alarm for alarm in AlarmStore(store.database).listed(closed=True)}
-        found["routes",] = life.routes()
+        found["routes",] = Names(store.database).routes()
     return found
 
 

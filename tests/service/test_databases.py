@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 
-import numpy as np
 import pytest
 import service_fakes as fakes
 import sqlalchemy as sa
@@ -19,7 +18,6 @@ from service.results.commit_marks import Mark
 from service.results.schema import COMMITS
 from service.results.sql_store import SqlStore
 from service.results.window_file import read_window
-from twin.windows import Edges, Window
 
 
 def test_inspection_is_used_once(each_store):
@@ -47,22 +45,15 @@ def test_decisions_are_counted_by_what_became_of_them(each_store):
     ]  # fmt: skip
 
 
-def test_asset_with_all_that_belongs_to_it_gets_another_name(each_store, tmp_path):
+def test_windows_that_wait_are_given_to_another_asset(each_store, tmp_path):
     life = AssetLife(each_store.database, tmp_path / "waiting")
-    fakes.campaign(each_store, None, "old")
-    each_store.add_decision("old", "misalignment", "pin")
-    pinion = Edges(per_rev=1, first_index=0, times=np.arange(5.0))
-    assert life.add_waiting("old", Window(start_time_ns=7, encoders={"pinion": pinion}))
-    number = life.add_change("old", "renamed", {"name": "new"})
-    life.route("stream", "old")
-    life.rename("old", "new")
-    assert each_store.assets() == ("new",) and len(each_store.windows("new")) == 14
-    assert life.change_done(number, {"name": "new"}) and not life.change_done(number, {})
-    assert [c.asset for c in life.changes("new")] == ["new"] and len(life.waiting("new")) == 1
-    assert life.routes() == {"stream": "new", "old": "new"}
-    life.give_waiting("new", "other")
+    each_store.note("unsw", [])
+    assert life.add_waiting("unsw", fakes.WINDOW)
+    number = life.add_change("unsw", "other_machine", {"name": "other"})
+    assert life.change_done(number, {"asset": "other"}) and not life.change_done(number, {})
+    life.give_waiting("unsw", "other")
     (waiting,) = life.waiting("other")
-    assert read_window(life.file_of(waiting.id)).start_time_ns == waiting.start_ns
+    assert life.waiting("unsw") == () and read_window(life.file_of(waiting.id)).start_time_ns == waiting.start_ns
     life.drop_waiting(waiting.id)
     assert life.waiting("other") == ()
 
@@ -80,9 +71,6 @@ def test_who_writes_alone_asks_once_whether_an_asset_has_a_row(tmp_path):
         for _ in range(3):
             store.note("press", [("note", {})])
         assert store.assets() == ("press",) and len(asked) == 2
-        AssetLife(database, tmp_path / "waiting").rename("press", "lathe")
-        store.note("press", [("note", {})])
-        assert store.assets() == ("lathe", "press") and len(asked) == 3
 
 
 def test_totals_of_faults_add_up(each_store):

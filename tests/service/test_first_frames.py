@@ -96,25 +96,6 @@ def test_what_no_publisher_has_any_more_is_a_fault_of_its_window():
     assert began.lost == {"accel/y6"} and qualities[0] != "good" and qualities[1] == "good"
 
 
-def test_an_asset_that_is_renamed_while_frames_wait_goes_on():
-    """What waited under the earlier name once waited for good."""
-    began = Began()
-    gone = [f for f in began.rest if f.channel == ACCEL][:2]
-    began.feed([f for f in began.rest if not any(f is g for g in gone)])
-    began.reception.rename(ASSET, "new")
-    began.called = "new"
-    began.now += LOOK
-    began.feed([])
-    assert began.first.holds(ASSET)
-    began.asked[0][1]()
-    began.behind[0]()
-    began.now += SENT_AGAIN_WITHIN + 0.1
-    began.feed([])
-    assert not began.first.holds(ASSET)
-    qualities = began.qualities()
-    assert began.lost == {ACCEL.label} and qualities[0] != "good" and qualities[1] == "good"
-
-
 def test_a_key_that_others_have_gone_on_without_is_asked_for():
     began = Began()
     began.feed([f for f in began.rest if f.channel != ACCEL])

@@ -15,22 +15,22 @@ from service_streams import wait_until, write_recording
 from service.alarms.keeper import AlarmKeeper
 from service.cli import run
 from service.errors import DeliveryError, InputError
-from service.fleet import layout
 from service.fleet.databases import engine_of
-from service.fleet.front_kept import FleetLife
+from service.fleet.front_board import FleetBoard
+from service.fleet.front_kept import FleetAlarms, FleetNames
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import ASSETS, CURVES, NAMES, Layout, create, partition_of
+from service.fleet.layout import NAMES, Layout, partition_of
 from service.fleet.listener import Listener
 from service.fleet.lookup import partition_in_use
-from service.fleet.naming import Names
+from service.fleet.naming import PartitionStreams
 from service.fleet.notices import ALARM, announce, channel_of
-from service.fleet.rows import RowWriter
 from service.results.alarm_store import AlarmStore
 from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.change_queue import ChangeQueue
 from service.results.decision_queue import DecisionQueue
+from service.results.names import Names
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.begun import unknown_of
 from service.runtime.replay import replay
@@ -69,7 +69,7 @@ def names(tables):
 
 
 def rename(store, asset, name):
-    AssetLife(store.database).rename(asset, name)
+    Names(store.database).rename(asset, name)
 
 
 def key_of(fleet, asset, capsys):
@@ -146,53 +146,14 @@ def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(tmp_path, fl
     with taken(fleet, OWN) as store, FleetStore(fleet, LAYOUT) as at_front:
         fakes.take(store, None, "unsw", 0, 100.0)
         before = row(fleet)
-        with store.database.transaction() as db:
-            db.execute(sa.insert(CURVES), {"asset": "unsw", "name": "a", "data": b"x"})
         assert before["partition"] == OWN and at_front.assets() == ("unsw",)  # from its first transaction on
         rename(store, "unsw", NEW)  # and nothing else
-        assert row(fleet) is None and at_front.assets() == (NEW,)
-        assert store.database.rows(sa.select(CURVES.c.asset)) == [(NEW,)]
-        after = row(fleet, NEW)
-        assert after["partition"] == OWN and after["version"] > before["version"]
-        assert after["summary"] == {**before["summary"], "asset": NEW} and NEW in after["words"]
-        assert len(at_front.windows(NEW)) == 1 and place(tables, NEW) == place(tables, "unsw") == OWN
-        number = at_front.add_decision(NEW, "crack", "confirm")
+        assert row(fleet)["label"] == NEW and at_front.assets() == ("unsw",)
+        board = FleetBoard(at_front, AlarmKeeper(FleetAlarms(at_front)))
+        assert board.find("unsw") is None and board.find(NEW).asset == "unsw" and board.names() == (NEW,)
+        assert place(tables, NEW) == place(tables, "unsw") == OWN
+        number = at_front.add_decision("unsw", "crack", "confirm")
         assert [d.id for d in store.pending_decisions()] == [number]
-
-
-def test_a_row_that_was_written_again_under_the_old_name_is_deleted_by_the_next_worker(fleet):
-    with taken(fleet, OWN) as store:
-        fakes.take(store, None, "unsw", 0, 100.0)
-        kept = row(fleet)
-        rename(store, "unsw", NEW)
-        with store.database.transaction() as db:
-            db.execute(sa.insert(ASSETS), dict(kept))
-            db.execute(sa.insert(ASSETS), {**kept, "asset": "declared"})
-            db.execute(sa.insert(ASSETS), {**kept, "asset": "of-another", "partition": HASHED})
-        board = Board.from_store(store, store.all_assets())
-        board.update("declared")
-        writer = RowWriter(store.database, board, OWN)
-        writer.start()
-        wait_until(lambda: row(fleet) is None)
-        writer.end()
-        assert all(row(fleet, name) is not None for name in (NEW, "declared", "of-another"))
-
-
-def test_the_row_of_a_former_name_is_not_written_again_while_the_board_still_shows_it(fleet):
-    with taken(fleet, OWN) as store:
-        fakes.take(store, None, "unsw", 0, 100.0)
-        board = Board.from_store(store, store.all_assets())
-        board.update("declared")
-        rename(store, "unsw", NEW)  # is committed before the board is told
-        writer = RowWriter(store.database, board, OWN)
-        writer.start()
-        wait_until(lambda: row(fleet, "declared") is not None)  # written in the same transaction
-        assert row(fleet) is None
-        board.rename("unsw", NEW)
-        board.update("unsw-2")
-        wait_until(lambda: row(fleet, "unsw-2") is not None)
-        writer.end()
-        assert row(fleet) is None and row(fleet, NEW)["partition"] == OWN
 
 
 @pytest.mark.parametrize("said_before", [(), ("", "asset", "nothing unsw"), ("asset no\\such",)])
@@ -208,9 +169,10 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
             decisions=DecisionQueue(store),
             life=life,
             changes=ChangeQueue(life),
+            names=Names(store.database),
             baselines=BaselineStore(store.database, tmp_path),
         )
-        known = Names(LAYOUT, OWN, "gearbox")
+        known = PartitionStreams(LAYOUT, OWN, "gearbox")
         listener = Listener(fleet, OWN, kept, alarms, looked.set, lambda asset, rig: None, known)
         listener.start()
         assert looked.wait(20)  # its connection listens
@@ -220,14 +182,14 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
                 db.exec_driver_sql(f"NOTIFY {channel_of(OWN)}, '{payload}'")
             assert looked.wait(20) and listener.is_alive()
         rename(store, "unsw", NEW)
-        board.rename("unsw", NEW)
+        board.update("unsw", label=NEW)
         with board.follow() as changes:
             changes.take(0)  # all assets
             with store.database.transaction() as db:
                 announce(db, OWN, ALARM, "unsw")
-            assert changes.take(20) == (NEW,)
+            assert changes.take(20) == ("unsw",)
         listener.end()
-        assert board.assets() == (NEW,)
+        assert board.names() == (NEW,)
 
 
 # -- names that are taken --------------------------------------------------------------------------------
@@ -245,8 +207,8 @@ def test_a_name_that_an_asset_of_another_partition_has_or_had_is_refused(fleet, 
             rename(store, "unsw", NEW)
         with pytest.raises(InputError, match=NEXT):
             rename(store, "unsw", NEXT)
-        assert store.assets() == ("unsw",) and other.assets() == (NEXT,)
-        assert names(tables)[NEW] == HASHED and "unsw" not in names(tables)
+        assert row(fleet)["label"] == "unsw" and row(fleet, NEW)["label"] == NEXT
+        assert names(tables) == {"unsw": OWN, NEW: HASHED, NEXT: HASHED}
         assert [place(tables, name) for name in ("unsw", NEW, NEXT)] == [OWN, HASHED, HASHED]
 
 
@@ -256,15 +218,14 @@ def test_a_name_that_was_given_elsewhere_begins_no_asset_where_it_hashes_to(flee
         rename(store, "unsw", NEW)
         with pytest.raises(InputError, match=f"there is an asset '{NEW}' already"):
             fakes.take(other, None, NEW, 0, 100.0)
-        rename(store, NEW, NEXT)
+        rename(store, "unsw", NEXT)
         with pytest.raises(InputError, match="one that was called so"):
             other.note(NEW, [("added", {})])
         assert other.assets() == () and not other.windows(NEW)
         with pytest.raises(InputError):
             at_front.stores.at(HASHED).note(NEW, [])
-            at_front.places.note(NEW, HASHED)  # as another front end that has not heard of it
-            at_front.note(NEW, [])
-        assert at_front.assets() == (NEXT,) and FleetLife(at_front).routes() == {"unsw": NEXT, NEW: NEXT}
+        assert at_front.assets() == ("unsw",)
+        assert {FleetNames(at_front).asset_of(name) for name in ("unsw", NEW, NEXT)} == {"unsw"}
 
 
 @pytest.mark.parametrize("turn", range(6))
@@ -288,27 +249,8 @@ def test_of_two_partitions_that_give_a_name_at_the_same_time_one_is_refused(flee
         for thread in threads:
             thread.join()
         assert len(done) == 1
-        assert (NEW in store.assets()) != (NEW in other.assets())
-        assert row(fleet, NEW)["partition"] == (OWN if NEW in store.assets() else HASHED)
-
-
-def test_a_decision_that_is_submitted_while_the_asset_is_renamed_waits_for_its_new_name(fleet, tables):
-    """It made an asset of the earlier name again, and was lost to the renamed one."""
-    with taken(fleet, OWN) as store, FleetStore(fleet, LAYOUT) as at_front:
-        fakes.take(store, None, "unsw", 0, 100.0)
-        at_front.places.note("unsw", OWN)
-        submit = threading.Thread(target=at_front.add_decision, args=("unsw", "crack", "confirm"))
-        with store.database.transaction():
-            rename(store, "unsw", NEW)
-            submit.start()
-            wait_until(lambda: waits_for_a_lock(tables))
-        submit.join()
-        assert [d.asset for d in store.pending_decisions()] == [NEW] and store.assets() == (NEW,)
-
-
-def waits_for_a_lock(tables):
-    with tables.connect() as db:
-        return db.exec_driver_sql("SELECT count(*) FROM pg_locks WHERE NOT granted").scalar() > 0
+        renamed = row(fleet)["label"] == NEW
+        assert renamed != (NEW in other.assets()) and (row(fleet, NEW) is None) == renamed
 
 
 # -- what a worker takes for its own ---------------------------------------------------------------------
@@ -322,17 +264,17 @@ def test_assets_of_the_settings_are_those_of_the_partition_that_has_their_name(t
         rename(store, "unsw", NEW)
         shown = {}
         for own, partition in ((store, OWN), (other, HASHED)):
-            known = Names(LAYOUT, partition, "gearbox")
+            known = PartitionStreams(LAYOUT, partition, "gearbox")
             known.read(own.database)
             board = Board.from_store(own, own.all_assets())
-            unknown_of(settings, board, AssetLife(own.database), known.refusal)
-            shown[partition] = set(board.assets())
+            unknown_of(settings, board, Names(own.database), known.refusal)
+            shown[partition] = set(board.names())
         assert shown == {OWN: {NEW}, HASHED: {here}}
 
 
 @pytest.mark.parametrize("asks", [False, True])
 def test_frames_that_belong_to_another_partition_are_left_out_and_nobody_is_asked_about_them(caplog, asks):
-    known = Names(LAYOUT, HASHED, "gearbox")
+    known = PartitionStreams(LAYOUT, HASHED, "gearbox")
     unknown = UnknownAssets(asks=asks, elsewhere=known.refusal)
     unknown.begin(lambda stream: False, ["unsw"])
     for _ in range(3):
@@ -344,20 +286,3 @@ def test_frames_that_belong_to_another_partition_are_left_out_and_nobody_is_aske
     assert unknown.refusal("unsw").startswith(expected)
     assert caplog.text.count(expected) == 1
     assert (unknown.admits(NEW) is not asks and unknown.refusal(NEW) is None) or asks
-
-
-# -- upgrade ---------------------------------------------------------------------------------------------
-
-
-def test_a_fleet_of_the_first_revision_learns_the_names_that_were_given_before(fleet, tables):
-    with taken(fleet, OWN) as store:
-        fakes.take(store, None, "unsw", 0, 100.0)
-        rename(store, "unsw", NEW)
-        rename(store, NEW, NEXT)
-    expected = names(tables)
-    with tables.begin() as db:
-        db.exec_driver_sql("DROP TABLE fleet.names, fleet.curves")
-        db.exec_driver_sql("UPDATE fleet.facts SET value = '1' WHERE name = 'revision'")
-    assert create(tables, PARTITIONS) == LAYOUT
-    assert names(tables) == expected == dict.fromkeys(("unsw", NEW, NEXT), OWN)
-    assert layout.revision() == 2 and sa.inspect(tables).has_table("curves", schema="fleet")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
-import sqlalchemy as sa
 import worker_twins
 from fleets import taken
 from service_streams import ROOT, wait_until
@@ -15,11 +13,8 @@ from test_workers import window
 
 from service.fleet import kept_curves
 from service.fleet.kept_curves import CurveWriter, StoredCurves
-from service.fleet.rows import RowWriter
 from service.fleet.searches import Search, Searches
 from service.json_text import plain
-from service.results.asset_life import AssetLife
-from service.results.board import Board
 from service.runtime.assess import assess
 from service.runtime.computing import Ask, Call, WindowToUse
 from service.runtime.curves import Curves
@@ -247,17 +242,6 @@ def begin(fleet, *assets):
             store.note(asset, [])
 
 
-def rename(fleet, asset, name):
-    with taken(fleet) as store:
-        AssetLife(store.database).rename(asset, name)
-
-
-def waiting_for_locks(fleet):
-    engine = kept_curves.engine_of(fleet, poolclass=sa.NullPool)
-    with engine.connect() as db:
-        return db.exec_driver_sql("SELECT count(*) FROM pg_locks WHERE NOT granted").scalar_one()
-
-
 def curves(*names, new=()):
     return Curves(names=frozenset(names), new=tuple((name, f"points of {name}".encode()) for name in new))
 
@@ -294,58 +278,3 @@ def test_a_database_that_is_away_costs_a_look_and_no_more(monkeypatch):
     asked = []
     monkeypatch.setattr(kept_curves, "_reader", lambda database: asked.append(database))
     assert stored.read("a", "one") is None and not asked
-
-
-@pytest.mark.slow
-def test_an_asset_that_is_removed_takes_its_curves_along(fleet):
-    begin(fleet, "gone")
-    stored, writer = StoredCurves(fleet), CurveWriter(fleet)
-    writer.start()
-    writer.keep("gone", curves("one", new=("one",)))
-    wait_until(lambda: stored.read("gone", "one"))
-    with taken(fleet) as store:
-        RowWriter(store.database, Board(), 0)._write({"gone": None})
-    assert stored.read("gone", "one") is None
-    writer.end()
-
-
-@pytest.mark.slow
-def test_curves_that_waited_while_their_asset_was_renamed_are_not_written_under_its_former_name(fleet):
-    """They were never deleted: no asset has that name again."""
-    begin(fleet, "unsw")
-    stored, writer = StoredCurves(fleet), CurveWriter(fleet)
-    writer.keep("unsw", curves("one", new=("one",)))
-    writer.start()
-    wait_until(lambda: not writer._waiting)
-    writer.end()
-    rename(fleet, "unsw", "press-7")
-    again = CurveWriter(fleet)
-    again.keep("unsw", curves("one", "two", new=("two",)))
-    again.keep("press-7", curves("one", "three", new=("three",)))
-    again.start()
-    wait_until(lambda: not again._waiting)
-    again.end()
-    assert stored.read("unsw", "one") is stored.read("unsw", "two") is None
-    assert stored.read("press-7", "one") == b"points of one"  # written before, and renamed with it
-    assert stored.read("press-7", "three") == b"points of three"
-
-
-@pytest.mark.slow
-def test_curves_that_are_being_written_while_their_asset_is_renamed_are_renamed_with_it(fleet, monkeypatch):
-    begin(fleet, "unsw")
-    stored, writer, execute = StoredCurves(fleet), CurveWriter(fleet), sa.Connection.execute
-    renaming = threading.Thread(target=rename, args=(fleet, "unsw", "press-7"))
-
-    def halted(db, statement, *given, **more):
-        if statement is kept_curves._PUT:
-            renaming.start()
-            wait_until(lambda: waiting_for_locks(fleet))
-        return execute(db, statement, *given, **more)
-
-    monkeypatch.setattr(sa.Connection, "execute", halted)
-    writer.keep("unsw", curves("one", new=("one",)))
-    writer.start()
-    wait_until(lambda: not writer._waiting)
-    writer.end()
-    renaming.join(60)
-    assert stored.read("press-7", "one") == b"points of one" and stored.read("unsw", "one") is None

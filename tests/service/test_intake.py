@@ -159,12 +159,11 @@ def test_first_frames_that_wait_for_the_storage_go_with_their_asset_to_another_n
 
     for frame in frames[:5]:
         intake.feed(frame)
-    intake.rename(ASSET, "press-7")
     full[0], now[0] = False, 60.0
-    for frame in named("press-7", frames[5:]):
+    for frame in frames[5:]:
         intake.feed(frame)
-    intake.flush("press-7")
-    assert [o.asset for o in outcomes] == ["press-7"] * 2
+    intake.flush(ASSET)
+    assert [o.asset for o in outcomes] == [ASSET] * 2
     assert outcomes[0].window.start_time_ns == frames[0].start_time_ns
     assert not any(outcome.window.faults for outcome in outcomes)
     full[0], now[0] = True, 120.0

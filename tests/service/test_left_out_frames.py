@@ -47,10 +47,9 @@ class Plant:
             reception, lambda asset: None, clock=lambda: self.now, storage=storage, held_bytes=held_bytes,
             learning=LearningPhase(wait=0.0),
         )  # fmt: skip
-        self.routes = {}
-        life = SimpleNamespace(routes=lambda: dict(self.routes))
+        names = SimpleNamespace(routes=dict)
         retired, clock = (lambda asset: self.retired), (lambda: self.now)
-        self.streams = Streams(life, self.intake, retired, unknown=self.unknown, clock=clock)
+        self.streams = Streams(names, self.intake, retired, unknown=self.unknown, clock=clock)
         self.unknown.begin(lambda stream: self.known, ())
         self.pump = Pump(self.inbox, self.streams, 0.7, asset_of=self.streams.asset_of, clock=lambda: self.now)
 
@@ -59,12 +58,6 @@ class Plant:
             self.inbox.offer(topic_of(each.channel), encode(each))
             self.now += 0.02
             self.turn()
-
-    def rename(self, asset, name):
-        """An asset has another name, as the service renames it."""
-        self.routes[asset] = name
-        for part in (self.streams, self.reception, self.intake):
-            part.rename(asset, name)
 
     def turn(self):
         while not self.inbox.empty:
@@ -139,22 +132,6 @@ def test_reinstated_within_the_same_burst_refuses_that_burst_alone_and_says_why(
     (fault,) = (f for f in plant.windows[1].faults if f.kind == "left_out")
     assert fault.count == 16 and fault.detail == "16 frames left out: they came while the asset was retired"
     assert plant.streams.left_out == {ASSET: 16}
-
-
-def test_renamed_and_reinstated_within_the_same_burst_refuses_that_burst_and_says_why():
-    """What had been left out was forgotten with the name, and the torn window was used."""
-    frames = bursts(3, frames=FRAMES)
-    plant = Plant()
-    plant.send(frames[:60])
-    plant.retired = True
-    plant.send(frames[60:76])
-    plant.rename(ASSET, "new")
-    plant.retired = False
-    plant.send(frames[76:])
-    plant.rest(8.0)
-    assert [w.quality for w in plant.windows] == ["good", "refused", "good"]
-    (fault,) = (f for f in plant.windows[1].faults if f.kind == "left_out")
-    assert fault.count == 16 and plant.streams.left_out == {"new": 16}
 
 
 def test_frames_of_the_time_of_retirement_that_are_sent_again_make_the_window_whole():

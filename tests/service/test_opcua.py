@@ -227,10 +227,10 @@ def test_asset_is_added_renamed_and_retired_while_clients_are_connected(plant):
     async def question(reader):
         show(board, "first-name")
         await reader.until("first-name/level", ("normal", "Good"))
-        board.rename("first-name", "second-name")
+        board.update("first-name", label="second-name")
         await reader.until("second-name/level", ("normal", "Good"))
         await reader.until("first-name/level", (None, "BadNodeIdUnknown"))
-        board.update("second-name", retired={"since": "2026-01-01", "by": "Anna", "note": ""})
+        board.update("first-name", retired={"since": "2026-01-01", "by": "Anna", "note": ""})
         await reader.until("second-name/retired", (True, "Good"))
         assert (await reader.read("second-name/depth_um"))[1] == "UncertainLastUsableValue"
 

@@ -110,11 +110,11 @@ def test_a_baseline_is_learned_and_removed_on_the_page(tmp_path, view):
 @pytest.mark.slow
 def test_what_is_typed_outlives_a_new_window(open_page, store, board):
     fakes.campaign(store, board)
-    board.update("unsw", question=count_fell("unsw", 9000.0, 20.0, 1_700_000_000 * 10**9))
+    board.update("unsw", question=count_fell(9000.0, 20.0, 1_700_000_000 * 10**9))
     page = open_page(LIFE)
     page.locator("#question").get_by_label("Note").fill("half a sent")
     page.wait_for_selector("#link[data-state=live]")
-    board.update("unsw", question=waiting_of(count_fell("unsw", 9000.0, 20.0, 1_700_000_000 * 10**9), 3))
+    board.update("unsw", question=waiting_of(count_fell(9000.0, 20.0, 1_700_000_000 * 10**9), 3))
     fakes.take(store, board, "unsw", 90, 19500.0)
     page.wait_for_function("document.querySelector('#question').textContent.includes('3 windows wait')")
     assert page.locator("#question").get_by_label("Note").input_value() == "half a sent"

@@ -8,8 +8,8 @@ import pytest
 from memory_transport import MemoryNetwork
 from service_streams import RIG
 
-from service.results.asset_life import AssetLife
 from service.results.data_folder import DATABASE
+from service.results.names import Names
 from service.results.sql_store import SqlStore
 from service.runtime.begun import Begun
 from service.runtime.rigs import GivenRigs, OfferedRigs
@@ -37,20 +37,12 @@ def begun(data, of_all=None, new_assets=None, **own):
     return Begun.of(settings, GivenRigs.read(of_all, own), lambda: SqlStore(data / DATABASE))
 
 
-def life_of(store):
-    return AssetLife(store.database)
-
-
 def width_of(begun, asset):
     return begun.rigs.of(asset, Nobody()).get("gears.face_width")
 
 
 def rename(store, asset, name):
-    """As a change does it."""
-    life = life_of(store)
-    with life.transaction():
-        life.change_done(life.add_change(asset, "renamed", {"name": name}), {"asset": name, "was": asset})
-        life.rename(asset, name)
+    Names(store.database).rename(asset, name)
 
 
 # -- those of the settings -------------------------------------------------------------------------------
@@ -61,13 +53,12 @@ def test_rig_file_that_the_settings_give_one_asset_is_that_of_the_asset_under_ea
     with begun(tmp_path, RIG, unsw=own) as first:
         first.store.note("other", [])
         assert (width_of(first, "unsw"), width_of(first, "other")) == (OWN_WIDTH, WIDTH)
-        for asset, name in (("unsw", "press-7"), ("press-7", "press-8")):
-            rename(first.store, asset, name)
-            first.board.rename(asset, name)
-            assert width_of(first, name) == OWN_WIDTH  # while it runs
-    with begun(tmp_path, RIG, unsw=own) as again:
-        assert (width_of(again, "press-8"), width_of(again, "other")) == (OWN_WIDTH, WIDTH)
-        assert again.rigs.given_where("press-8") == str(own) and again.rigs.given_where("other") == str(RIG)
+        for name in ("press-7", "press-8"):
+            rename(first.store, "unsw", name)
+            assert width_of(first, "unsw") == OWN_WIDTH  # while it runs
+    with begun(tmp_path, RIG, **{"press-7": own}) as again:
+        assert (width_of(again, "unsw"), width_of(again, "other")) == (OWN_WIDTH, WIDTH)
+        assert again.rigs.given_where("unsw") == str(own) and again.rigs.given_where("other") == str(RIG)
 
 
 def test_rig_file_under_the_present_name_goes_before_one_under_a_former_name(tmp_path, own):
@@ -75,20 +66,19 @@ def test_rig_file_under_the_present_name_goes_before_one_under_a_former_name(tmp
         first.store.note("unsw", [])
         rename(first.store, "unsw", "press-7")
     with begun(tmp_path, **{"unsw": own, "press-7": RIG}) as again:
-        assert width_of(again, "press-7") == WIDTH
+        assert width_of(again, "unsw") == WIDTH
 
 
 @pytest.mark.parametrize("renamed", [False, True])
 def test_rig_file_of_an_asset_whose_stream_is_another_machines_stays_with_the_asset(tmp_path, own, renamed):
     with begun(tmp_path, RIG, unsw=own) as first:
         assert width_of(first, "unsw") == OWN_WIDTH
-        life_of(first.store).route("unsw", "bench-2")
+        Names(first.store.database).give_streams("unsw", "bench-2")
         if renamed:
             rename(first.store, "unsw", "unsw-old")
-            life_of(first.store).route("unsw", "bench-2")  # whatever becomes of the stream
     with begun(tmp_path, RIG, unsw=own) as again:
         assert width_of(again, "bench-2") == WIDTH
-        assert width_of(again, "unsw-old" if renamed else "unsw") == OWN_WIDTH
+        assert width_of(again, "unsw") == OWN_WIDTH
 
 
 # -- those that publishers offer -------------------------------------------------------------------------
@@ -106,9 +96,9 @@ def test_rig_file_of_a_renamed_asset_is_that_which_its_publisher_offers_under_th
     offered = OfferedRigs(offering(unsw="of the stream"))
     with begun(tmp_path) as running:
         running.store.note("unsw", [])
-        for asset, name in (("unsw", "press-7"), ("press-7", "press-8")):
-            rename(running.store, asset, name)
-        assert running.rigs.of("press-8", offered).name == "of the stream"
+        for name in ("press-7", "press-8"):
+            rename(running.store, "unsw", name)
+        assert running.rigs.of("unsw", offered).name == "of the stream"
 
 
 def test_rig_file_that_is_offered_under_an_assets_own_name_goes_before_that_of_another_stream(tmp_path):
@@ -116,7 +106,7 @@ def test_rig_file_that_is_offered_under_an_assets_own_name_goes_before_that_of_a
     with begun(tmp_path) as running:
         running.store.note("unsw", [])
         rename(running.store, "unsw", "press-7")
-        assert running.rigs.of("press-7", offered).name == "of the name"
+        assert running.rigs.of("unsw", offered).name == "of the name"
 
 
 def test_rig_file_that_is_offered_for_a_stream_is_not_that_of_the_asset_which_had_the_stream_before(tmp_path):
@@ -124,7 +114,7 @@ def test_rig_file_that_is_offered_for_a_stream_is_not_that_of_the_asset_which_ha
     offered = OfferedRigs(offering(unsw="of the other machine"))
     with begun(tmp_path) as running:
         running.store.note("unsw", [])
-        life_of(running.store).route("unsw", "bench-2")
+        Names(running.store.database).give_streams("unsw", "bench-2")
         assert running.rigs.of("unsw", offered).name == "unnamed"
         assert running.rigs.of("bench-2", offered).name == "of the other machine"
 
@@ -134,7 +124,7 @@ def test_rig_file_that_is_offered_for_a_stream_is_a_proposal_for_its_renamed_ass
     with begun(tmp_path, new_assets="ask") as running:
         running.store.note("unsw", [])
         rename(running.store, "unsw", "press-7")
-        running.board.update("press-7")
-        assert running.rigs.of("press-7", offered).name == "unnamed"
-        assert running.store.asset("press-7").rig is None
-        assert running.rigs.proposals.find("press-7").rig == {"name": "of the stream"}
+        running.board.update("unsw")
+        assert running.rigs.of("unsw", offered).name == "unnamed"
+        assert running.store.asset("unsw").rig is None
+        assert running.rigs.proposals.find("unsw").rig == {"name": "of the stream"}

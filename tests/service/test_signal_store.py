@@ -14,19 +14,11 @@ import numpy as np
 import pytest
 
 from service.errors import NotKept, StoreError
-from service.results import signal_store
-from service.results.asset_life import AssetLife
-from service.results.data_folder import DATABASE, SIGNALS
-from service.results.former_names import former_names
 from service.results.signal_reading import folder_in, found_in
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
-from service.results.sql_store import SqlStore
-from service.runtime.begun import Begun
 from service.runtime.outcomes import WindowOutcome
-from service.runtime.rigs import GivenRigs
 from service.runtime.signal_writer import SignalWriter
-from service.settings import Settings
 from twin.windows import Edges, Fault, Samples, SlowValue, Window
 
 ROOT = Path(__file__).parents[2]
@@ -93,7 +85,7 @@ def test_a_window_that_is_not_kept_says_which_are(tmp_path):
     with pytest.raises(NotKept, match="none of this asset's windows are kept"):
         store.window("unsw", 0)
     store.keep("unsw", 4, window())
-    with pytest.raises(NotKept, match=r"window 0 of unsw are not kept; kept are 4$"):
+    with pytest.raises(NotKept, match=r"window 0 are not kept; kept are 4$"):
         store.window("unsw", 0)
     (path,) = tmp_path.rglob("*.npz")
     path.write_bytes(path.read_bytes()[:1000])
@@ -129,17 +121,6 @@ def test_assets_whose_names_a_file_system_does_not_keep_apart_have_their_own_fol
     names = [p.name for p in share.iterdir() if any(p.iterdir())]
     assert len({name.lower().rstrip(".") for name in names}) == len(APART) and {"press", "x"} <= set(names)
     assert found_in(folder_in(share, "pREss")) == {}
-
-
-def test_an_asset_is_renamed_to_and_from_a_name_that_a_file_system_does_not_keep_apart(share):
-    store = SignalStore(share, 2**30)
-    store.keep("press", 0, window(0))
-    store.rename("Press", "mill")  # which has nothing
-    store.rename("press", "Press")
-    store.keep("press", 1, window(1))  # comes late, under the former name
-    store.rename("Press", "CON")
-    for opened in (store, SignalStore(share, 2**30)):
-        assert opened.indices("CON") == (0, 1) and not any(map(opened.indices, ("press", "Press", "mill")))
 
 
 def test_where_names_are_kept_apart_each_folder_has_its_assets_name(tmp_path):
@@ -266,116 +247,6 @@ def test_a_full_disk_is_counted_and_ends_nothing(tmp_path):
         writer.offer(outcome(n))
     writer.end()
     assert writer.figures() == {"signal_windows_waiting": 0, "signal_windows_left_out": 3}
-
-
-# -- renamed assets --------------------------------------------------------------------------------------
-
-
-def test_windows_that_wait_to_be_written_go_with_their_asset_to_each_of_its_new_names(tmp_path):
-    """They were written under the former name, where nobody found them and nothing thinned them."""
-    store = Blocked(tmp_path)
-    writer = SignalWriter(store)
-    for n in range(3):
-        writer.offer(outcome(n))
-    store.rename("unsw", "press-7")
-    store.rename("press-7", "press-8")
-    store.go.set()
-    writer.end()
-    assert store.indices("press-8") == (0, 1, 2) and store.indices("unsw") == ()
-    assert [p.name for p in tmp_path.iterdir()] == ["press-8"]
-
-
-def test_a_window_that_is_written_while_its_asset_is_renamed_is_kept_and_nobody_waits_for_it(tmp_path, monkeypatch):
-    """It was left out, or an entry was left of it whose file was elsewhere."""
-    store = SignalStore(tmp_path, 2**30)
-    store.keep("unsw", 0, window(0))
-    begun, go, write = threading.Event(), threading.Event(), signal_store.write_window
-
-    def slow(path, given):
-        begun.set()
-        assert go.wait(60)
-        return write(path, given)
-
-    monkeypatch.setattr(signal_store, "write_window", slow)
-    writer = SignalWriter(store)
-    writer.offer(outcome(1))
-    assert begun.wait(60)
-    store.rename("unsw", "press-7")
-    assert store.indices("press-7") == (0,)
-    go.set()
-    writer.end()
-    assert store.indices("press-7") == (0, 1) and store.indices("unsw") == ()
-    assert all(same(store.window("press-7", n), window(n)) for n in (0, 1))
-    assert writer.figures() == {"signal_windows_waiting": 0, "signal_windows_left_out": 0}
-    assert [p.name for p in tmp_path.iterdir()] == ["press-7"]
-
-
-def test_an_entry_is_that_of_the_present_name_where_the_asset_was_renamed_just_after_the_window_was_written(
-    tmp_path, monkeypatch
-):
-    store, write = SignalStore(tmp_path, 2**30), signal_store.write_window
-    store.keep("unsw", 0, window(0))
-
-    def renamed(path, given):
-        size = write(path, given)
-        store.rename("unsw", "press-7")
-        return size
-
-    monkeypatch.setattr(signal_store, "write_window", renamed)
-    store.keep("unsw", 1, window(1))
-    assert store.indices("press-7") == (0, 1) and store.indices("unsw") == ()
-    assert same(store.window("press-7", 1), window(1))
-
-
-def test_files_of_both_names_are_joined_and_of_one_window_the_newer_is_kept(tmp_path):
-    for n, name in enumerate(("unsw", "press-7", "press-7", "unsw")):
-        SignalStore(tmp_path, 2**30).keep(name, n // 2, window(n), revolutions=float(n))
-    for n, (path,) in enumerate([tmp_path.rglob(f"*_{turns}_k.npz") for turns in range(4)]):
-        os.utime(path, ns=(START + n, START + n))
-    store = SignalStore(tmp_path, 2**30)
-    store.rename("unsw", "press-7")
-    assert [w.revolutions for w in store.kept("press-7")] == [1.0, 3.0]
-    assert len(list(tmp_path.rglob("*.npz"))) == 2 and not (tmp_path / "unsw").exists()
-
-
-def begun_again(data):
-    return Begun.of(Settings(data=data), GivenRigs(), lambda: SqlStore(data / DATABASE))
-
-
-def test_a_start_gives_what_a_kill_has_left_under_a_former_name_to_its_asset(tmp_path):
-    """The name had been changed in the database, and the folder had not."""
-    signals = SignalStore(tmp_path / SIGNALS, 2**30)
-    signals.keep("unsw", 0, window(0))
-    signals.keep("other", 0, window(0))
-    with SqlStore(tmp_path / DATABASE) as store:
-        for asset in ("unsw", "other"):
-            store.note(asset, [])
-        AssetLife(store.database).rename("unsw", "press-7")
-    with begun_again(tmp_path) as begun:
-        assert begun.signals.indices("press-7") == begun.signals.indices("other") == (0,)
-        assert begun.signals.indices("unsw") == ()
-
-
-def test_a_start_leaves_an_asset_what_it_has_where_its_stream_is_another_machines(tmp_path):
-    SignalStore(tmp_path / SIGNALS, 2**30).keep("unsw", 0, window(0))
-    with SqlStore(tmp_path / DATABASE) as store:
-        store.note("unsw", [])
-        AssetLife(store.database).route("unsw", "bench-2")
-    with begun_again(tmp_path) as begun:
-        assert begun.signals.indices("unsw") == (0,) and begun.signals.indices("bench-2") == ()
-
-
-def test_a_former_name_whose_stream_is_another_machines_is_still_that_of_the_renamed_asset(tmp_path):
-    with SqlStore(tmp_path / DATABASE) as store:
-        life = AssetLife(store.database)
-        store.note("unsw", [])
-        life.route("unsw", "bench-2")
-        with life.transaction():
-            number = life.add_change("unsw", "renamed", {"name": "unsw-old"})
-            life.change_done(number, {"asset": "unsw-old", "was": "unsw"})
-            life.rename("unsw", "unsw-old")
-            life.route("unsw", "bench-2")  # whatever becomes of the stream
-        assert former_names(store.database) == {"unsw": "unsw-old"}
 
 
 WRITES = """

@@ -222,7 +222,7 @@ def test_csv_holds_every_sample_as_it_was(client):
 def test_what_cannot_be_shown_says_why(client):
     answer = client.get("/v1/assets/unsw/windows/4/signals/spectrum")
     assert answer.status_code == 404 and answer.json()["kept"] == list(KEPT)
-    assert "the raw signals of window 4 of unsw are not kept; kept are 2, 3, 5" in answer.json()["detail"]
+    assert "the raw signals of window 4 are not kept; kept are 2, 3, 5" in answer.json()["detail"]
     answer = client.get(f"{URL}/spectrum?channel=accel/zz")
     assert answer.status_code == 404 and "accel/y6" in answer.json()["channels"]
     assert client.get(f"{URL}/nonsense").status_code == 422

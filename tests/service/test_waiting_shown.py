@@ -68,7 +68,7 @@ def test_newer_windows_that_wait_are_said_beside_the_latest():
     ],
 )
 def test_what_waits_is_what_can_be_assessed_and_has_waited(given, at_work, expected):
-    found = waiting_of(given, at_work)
+    found = waiting_of(given, given.asset, at_work)
     assert (None if found is None else (found.windows, found.behind)) == expected
 
 

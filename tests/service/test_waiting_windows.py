@@ -16,7 +16,7 @@ from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
 from service.runtime.waiting_windows import WaitingWindows
 
 LATER = fakes.START_NS + 5_000 * 10**9  # [ns]
-QUESTION = count_fell("unsw", 900.0, 10.0, LATER)
+QUESTION = count_fell(900.0, 10.0, LATER)
 HELD = HeldWindow(
     asset="unsw", state=None, question=QUESTION, waiting=1, events=(("question", {"kind": "count_fell"}),)
 )

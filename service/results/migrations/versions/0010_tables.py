@@ -7,7 +7,7 @@ from sqlalchemy import text
 
 from service.results.schema import METADATA
 
-revision = "0009"
+revision = "0010"
 down_revision = None
 
 

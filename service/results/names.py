@@ -1,0 +1,89 @@
+"""Names: an asset is a row, and what people and machines call it points to that row.
+
+An asset's id is the name under which it began, and it never changes. Its label is the name that it has now. Every name
+that was ever given is a row for good: whose frames come under it, and whose label it is or was, so that no name is
+given twice.
+
+| | `asset`, whose frames | `labelled`, whose label it is or was |
+| --- | --- | --- |
+| `press` begins | press | press |
+| it is renamed `press-7` | `press` and `press-7`: press | `press` and `press-7`: press |
+| its data are another machine's, `mill` | `press`, `press-7`, `mill`: mill | `mill`: mill |
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import Connection, bindparam, select, update
+
+from service.errors import InputError
+from service.results.schema import ASSETS, NAMES
+from service.results.store import Tables
+
+_LABEL = select(ASSETS.c.label).where(ASSETS.c.asset == bindparam("of"))
+_IS = NAMES.c.name == bindparam("of")
+_NOT_ITS_NAME = select(NAMES.c.name, NAMES.c.asset).where(NAMES.c.name != NAMES.c.asset)
+
+
+class Names:
+    """The names of all assets, in the results' database."""
+
+    def __init__(self, database: Tables) -> None:
+        self._database = database
+
+    # -- reading -------------------------------------------------------------------------------------
+
+    def label(self, asset: str) -> str:
+        """What an asset is called now; its id where nothing is kept of it yet."""
+        return next((label for (label,) in self._database.rows(_LABEL, {"of": asset})), asset)
+
+    def labels(self) -> dict[str, str]:
+        """What each asset is called now, by its id."""
+        return {asset: label for asset, label in self._database.rows(select(ASSETS.c.asset, ASSETS.c.label))}
+
+    def labelled(self, name: str) -> str | None:
+        """The asset that has or had a name as its label; None where none had."""
+        rows = self._database.rows(select(NAMES.c.labelled).where(_IS), {"of": name})
+        return rows[0][0] if rows else None
+
+    def asset_of(self, stream: str) -> str:
+        """The asset whose frames come under a name; that name's own where it was never given."""
+        return next(
+            (asset for (asset,) in self._database.rows(select(NAMES.c.asset).where(_IS), {"of": stream})), stream
+        )
+
+    def routes(self) -> dict[str, str]:
+        """The names under which another asset's frames come than that whose id it is, each with that asset."""
+        return {name: asset for name, asset in self._database.rows(_NOT_ITS_NAME)}
+
+    def is_free(self, name: str) -> bool:
+        """Whether a name has never been given."""
+        return not self._database.rows(select(NAMES.c.name).where(_IS), {"of": name})
+
+    # -- writing -------------------------------------------------------------------------------------
+
+    def demand_free(self, name: str) -> None:
+        """InputError where a name has been given before."""
+        if not self.is_free(name):
+            raise InputError(f"there is an asset {name!r} already, or one that was called so: give another name")
+
+    def rename(self, asset: str, name: str) -> None:
+        """Gives an asset another label: a new name, or one that it had before. InputError where others have or had it.
+
+        Frames that come under the new name are the asset's, too.
+        """
+        with self._database.transaction() as db:
+            if self.labelled(name) != asset or self.label(asset) == name:
+                self.demand_free(name)
+                self._give(db, asset, name)
+            db.execute(update(ASSETS).where(ASSETS.c.asset == asset).values(label=name))
+            self._database.named(db, asset, name)
+
+    def _give(self, db: Connection, asset: str, name: str) -> None:
+        self._database.ensure(db, asset)
+        db.execute(self._database.insert(NAMES), {"name": name, "asset": asset, "labelled": asset})
+
+    def give_streams(self, asset: str, other: str) -> None:
+        """From now on all frames that were an asset's are another one's."""
+        with self._database.transaction() as db:
+            self._database.ensure(db, other)
+            db.execute(update(NAMES).where(NAMES.c.asset == asset).values(asset=other))
