@@ -28,12 +28,11 @@ from service.api.limits import Bounds, Limits
 from service.contract import rest
 from service.operation.health import Health
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
-from service.results.audit_log import DONE, AuditLog
+from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.board import Shown
-from service.results.change_queue import ChangeQueue
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
+from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
@@ -50,13 +49,12 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 def create_app(
     board: Shown,
     store: ResultStore,
-    queue: DecisionQueue | None = None,
+    queue: JobQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
     figures: Callable[[], collector.Figures] = dict,
     signals: KeptSignals | None = None,
     alarms: AlarmKeeper | None = None,
-    changes: ChangeQueue | None = None,
     names: Names | None = None,
     baselines: BaselineStore | Callable[[str], BaselineStore] | None = None,
     access: Access | None = None,
@@ -69,12 +67,11 @@ def create_app(
 ) -> FastAPI:
     """The app over a board and its store.
 
-    queue      where decisions on effects are submitted; None where nobody carries them out: they are kept
+    queue      where people's jobs are submitted; None where nobody carries them out: they are kept
     not_ready  why the service takes no frames yet, or None
     figures    of the process for /metrics, by their names in the catalogue: `queue_frames`, …
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
-    changes    where changes of assets are submitted; None where nobody carries them out: they are kept
     names      of the assets; None for those of the store's database
     baselines  healthy baselines of single assets, or where those of an asset are kept; None where none are
     access     whom it lets in; None for clients of this computer alone
@@ -97,20 +94,18 @@ def create_app(
     app.state.health = health or Health()
     app.state.library = None if signals is None else _library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
-    app.state.changes = changes or _changes_in(store)
     app.state.names = names or Names(store.database)
     app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
     app.state.unserved = unserved
     app.state.incoming = incoming or incoming_routes.Incoming()
-    app.state.queue = queue or DecisionQueue(store)
+    app.state.queue = queue or JobQueue(Jobs(store.database))
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.access = admitted = access or Access()
-    app.state.audit = log = audit or AuditLog(store.database)
-    _find_outcomes(log, store, app.state.changes)
+    app.state.audit = log = audit or AuditLog(store.database, jobs=app.state.queue.jobs)
     counts: Counter[str] = Counter()
     app.state.registry = collector.registry(
         board,
-        store,
+        app.state.queue.jobs,
         lambda: {**figures(), **admitted.figures(), **log.figures(), "http_refused": dict(counts)},
         labelled_assets,
     )
@@ -141,26 +136,6 @@ def _describe(app: FastAPI) -> None:
         return schema
 
     app.openapi = openapi  # type: ignore[method-assign]
-
-
-def _changes_in(store: ResultStore) -> ChangeQueue:
-    """A queue in the store's own database, whose windows nobody keeps."""
-    return ChangeQueue(AssetLife(store.database))
-
-
-def _find_outcomes(log: AuditLog, store: ResultStore, changes: ChangeQueue) -> None:
-    """Entries of changes that are queued have the outcome that these have by then."""
-    log.outcomes = {
-        "decision": lambda number: _outcome(store.decision(number)),
-        "inspection": lambda number: _outcome(store.inspection(number)),
-        "change": lambda number: _outcome(changes.life.change(number)),
-    }
-
-
-def _outcome(change: Any) -> str | None:
-    """The outcome of a queued change; None while it waits."""
-    refused = getattr(change, "refused", None)
-    return f"refused: {refused}" if refused is not None else DONE if change.done else None
 
 
 def _library(signals: KeptSignals, store: ResultStore, board: Shown) -> Callable[[], Library]:

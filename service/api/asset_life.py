@@ -21,7 +21,7 @@ from service.contract.base import iso_time
 from service.contract.rest import AssetSummary
 from service.errors import FAULT, InputError
 from service.files.rig import checked_rig
-from service.results.asset_life import StoredChange
+from service.results.jobs import Job
 
 router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
 
@@ -68,7 +68,7 @@ def begin_asset(
 @needs(Role.read)
 def changes(request: Request, asset: str) -> Any:
     """What people have changed on the asset, oldest first."""
-    found = request.app.state.changes.life.changes(asset_of(request, asset))
+    found = request.app.state.queue.jobs.changes(asset_of(request, asset))
     return JSONResponse([_answer(asset, c) for c in found if c.refused is None])
 
 
@@ -82,13 +82,13 @@ def changes(request: Request, asset: str) -> Any:
 async def change(request: Request, asset: str, given: models.ChangeIn) -> Any:
     """Enters a change, or answers the open question; 202 where it is queued and applied after the current window."""
     own = (await shown_of(request, asset)).asset
-    queue = request.app.state.changes
+    queue = request.app.state.queue
     about = {**given.kept(), "by": signer(request, given.by)}
     about = {name: value for name, value in about.items() if value is not None}
 
     def kept() -> int:
         submit = partial(queue.submit, own, given.kind, about)
-        number = audited(request, given.kind, asset, submit, note=given.note, what=about, queued="change")
+        number = audited(request, given.kind, asset, submit, note=given.note, what=about, queued=True)
         queue.asked.set()  # the transaction is committed now
         return number
 
@@ -102,10 +102,10 @@ def signed(request: Request, by: str | None, note: str | None) -> dict[str, str]
 
 async def answer_change(request: Request, asset: str, number: int) -> JSONResponse:
     """The answer once a change has been carried out or refused, or as long as it is queued."""
-    queue = request.app.state.changes
+    queue = request.app.state.queue
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
-        return JSONResponse(_answer(asset, await run_in_threadpool(queue.life.change, number)), 202)
+        return JSONResponse(_answer(asset, await run_in_threadpool(queue.jobs.job, number)), 202)
     if done.refused is not None:
         return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
     return JSONResponse(_answer(asset, done), 201)
@@ -118,7 +118,7 @@ def epochs(request: Request, asset: str) -> Any:
     return JSONResponse([dict(e) for e in request.app.state.store.epochs(asset_of(request, asset))])
 
 
-def _answer(asset: str, change: StoredChange) -> dict[str, Any]:
+def _answer(asset: str, change: Job) -> dict[str, Any]:
     renamed = change.kind == "renamed" and change.done and change.refused is None
     return {
         "id": change.id,
@@ -127,5 +127,5 @@ def _answer(asset: str, change: StoredChange) -> dict[str, Any]:
         "received": iso_time(change.received_ns),
         **{name: change.given.get(name) for name in models.OPTIONAL},
         "done": change.done,
-        "effect": change.effect,
+        "effect": change.outcome,
     }

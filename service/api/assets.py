@@ -26,6 +26,7 @@ from service.contract.wear import Rul, Wear
 from service.contract.window import WindowRecord
 from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare
+from service.results.jobs import INSPECTION, Job
 from service.results.store import ResultStore, StoredWindow
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
@@ -144,8 +145,8 @@ def inspections(
     limit: Annotated[int, Query(ge=1, le=10_000, description="at most this many")] = 1000,
 ) -> Any:
     """The inspections kept, each with the twin's figure at the time it was received."""
-    own = asset_of(request, asset)
-    return JSONResponse(list(request.app.state.store.inspections(own, after, limit)))
+    found = request.app.state.queue.jobs.of(asset_of(request, asset), INSPECTION, after, limit)
+    return JSONResponse([_inspection(job) for job in found])
 
 
 @router.post(
@@ -162,15 +163,21 @@ async def add_inspection(request: Request, asset: str, inspection: models.Inspec
     twin = compare(given, await run_in_threadpool(trend_around, store, own, inspection.revolutions))
 
     def submitted() -> int:
-        submit = partial(queue.submit_inspection, own, given, {**twin, **refusal(WAITS)})
-        number = audited(request, "inspection", asset, submit, what=given, queued="inspection")
+        about = {"inspection": given, "answer": {**twin, **refusal(WAITS)}}
+        submit = partial(queue.submit, own, INSPECTION, about)
+        number = audited(request, "inspection", asset, submit, what=given, queued=True)
         queue.asked.set()  # the transaction is committed now
         return number
 
     number = await run_in_threadpool(submitted)
-    done = await queue.wait_for_inspection(number, request.app.state.decision_wait)
-    kept = done or await run_in_threadpool(store.inspection, number)
-    return JSONResponse(kept.to_dict(), 201)
+    done = await queue.wait(number, request.app.state.decision_wait)
+    return JSONResponse(_inspection(done or await run_in_threadpool(queue.jobs.job, number)), 201)
+
+
+def _inspection(job: Job) -> dict[str, Any]:
+    """An inspection with its id and time, the twin's own figure, and what it changed once it is used."""
+    inspection = {"id": job.id, "received_ns": job.received_ns, **job.given["inspection"]}
+    return {"inspection": inspection, **(job.outcome or job.given["answer"])}
 
 
 def trend_around(store: ResultStore, asset: str, revolutions: float) -> list[dict[str, Any]]:

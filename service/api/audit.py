@@ -66,18 +66,18 @@ def audited(
     *,
     note: str | None = None,
     what: Mapping[str, Any] | None = None,
-    queued: str | None = None,
+    queued: bool = False,
 ) -> T:
     """Runs a change and enters it in the audit log, in one transaction; answers what the change does.
 
-    queued  kind of the change whose number `work` answers, where it is carried out later
+    queued  whether `work` answers the number of a job, which is carried out later
     """
     log: AuditLog = request.app.state.audit
     enter_keys(log, request.app.state.access)
     with log.transaction():
         done = work()
-        reference = (queued, done) if queued is not None and isinstance(done, int) else None
-        log.enter(request.state.who, action, asset=asset, note=note, what=what, reference=reference)
+        job = done if queued and isinstance(done, int) else None
+        log.enter(request.state.who, action, asset=asset, note=note, what=what, job=job)
     return done
 
 

@@ -129,7 +129,7 @@ async def learn(request: Request, asset: str, given: LearnIn) -> Any:
         from service.results.baseline_learning import learn_from_windows, written
 
         before = store.path(own) if given.add else None
-        found = learn_from_windows(own, given.windows, state.store, state.signals, state.changes.life, before)
+        found = learn_from_windows(own, given.windows, state.store, state.signals, state.queue.jobs, before)
         return written(found, store.new_path()).name
 
     try:
@@ -163,13 +163,13 @@ async def _submitted(
 
     name  of the asset
     """
-    queue = request.app.state.changes
+    queue = request.app.state.queue
     about = {**about, "by": signer(request, about.get("by"))}
     given = {name: value for name, value in about.items() if value is not None}
 
     def kept() -> int:
         submit = partial(queue.submit, asset, kind, given)
-        number = audited(request, kind, name, submit, note=given.get("note"), what=given, queued="change")
+        number = audited(request, kind, name, submit, note=given.get("note"), what=given, queued=True)
         queue.asked.set()  # the transaction is committed now
         return number
 

@@ -20,7 +20,7 @@ from service.contract.status import DATA_LEVELS
 from service.errors import StoreError
 from service.operation.metric_catalogue import METRICS, OF_ASSETS, OTHERS, MetricEntry
 from service.results.board import Shown, Snapshot
-from service.results.store import ResultStore
+from service.results.jobs import Jobs
 
 Figure = float | Histogram | Mapping[str, float] | Mapping[tuple[str, ...], float]
 """A metric's value; by its label, or by all its labels in their order, where it has any."""
@@ -31,22 +31,22 @@ Figures = Mapping[str, Figure]
 MISSING, IN_PLACE = "lost", "disorder"  # kinds of frames that are counted on their own as well
 
 
-def registry(board: Shown, store: ResultStore, figures: Callable[[], Figures], most: int | None) -> CollectorRegistry:
-    """A registry of this app alone, that reads board and store when it is scraped.
+def registry(board: Shown, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> CollectorRegistry:
+    """A registry of this app alone, that reads board and jobs when it is scraped.
 
     figures  of the process and of its assets, by the names of the catalogue
     most     assets that have metrics of their own; None where there are no metrics of assets
     """
     own = CollectorRegistry()
-    own.register(AssetCollector(board, store, figures, most))
+    own.register(AssetCollector(board, jobs, figures, most))
     return own
 
 
 class AssetCollector(Collector):
     """The board and the figures of the process as Prometheus metrics."""
 
-    def __init__(self, board: Shown, store: ResultStore, figures: Callable[[], Figures], most: int | None) -> None:
-        self._board, self._store, self._figures, self._most = board, store, figures, most
+    def __init__(self, board: Shown, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> None:
+        self._board, self._jobs, self._figures, self._most = board, jobs, figures, most
         self._labelled: set[str] = set()  # assets with metrics of their own
         self._decisions: Mapping[str, Mapping[str, int]] = {}
 
@@ -87,7 +87,7 @@ class AssetCollector(Collector):
         """Of all assets; as they were last read where the storage cannot be used."""
         if not unavailable:
             with suppress(StoreError):
-                self._decisions = self._store.decision_counts()
+                self._decisions = self._jobs.decision_counts()
         return self._decisions
 
 

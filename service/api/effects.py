@@ -20,7 +20,7 @@ from service.contract.attribution import Tracing
 from service.contract.base import NotAvailable
 from service.contract.effects import Effect
 from service.errors import FAULT
-from service.results.store import StoredDecision
+from service.results.jobs import DECISION, Job
 
 router = APIRouter(prefix="/v1/assets", tags=["effects"], route_class=Guarded)
 
@@ -45,7 +45,7 @@ async def tracing(request: Request, asset: str) -> Any:
 @needs(Role.read)
 def decisions(request: Request, asset: str) -> Any:
     """Decisions on the asset's effects, oldest first."""
-    found = request.app.state.store.decisions(asset_of(request, asset))
+    found = request.app.state.queue.jobs.of(asset_of(request, asset), DECISION)
     return JSONResponse([_answer(asset, d) for d in found if d.refused is None])
 
 
@@ -63,34 +63,34 @@ async def decide(request: Request, asset: str, name: str, given: models.Decision
     if name not in EFFECTS or name == "none":
         known = ", ".join(n for n in EFFECTS if n != "none")
         return problem(request, 404, f"{name!r} is no effect; known are {known}")
-    queue, store = request.app.state.queue, request.app.state.store
+    queue = request.app.state.queue
     _, note = given.signed()
     by = signer(request, given.by)
 
     def kept() -> int:
-        submit = partial(queue.submit, own, name, given.decision, by, note)
+        submit = partial(queue.submit, own, DECISION, {"name": name, "verb": given.decision, "by": by, "note": note})
         what = {"effect": name, "decision": given.decision}
-        number = audited(request, "decision", asset, submit, note=note, what=what, queued="decision")
+        number = audited(request, "decision", asset, submit, note=note, what=what, queued=True)
         queue.asked.set()  # the transaction is committed now
         return number
 
     number = await run_in_threadpool(kept)
     done = await queue.wait(number, request.app.state.decision_wait)
     if done is None:
-        return JSONResponse(_answer(asset, await run_in_threadpool(store.decision, number)), 202)
+        return JSONResponse(_answer(asset, await run_in_threadpool(queue.jobs.job, number)), 202)
     if done.refused is not None:
         return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
     return JSONResponse(_answer(asset, done))
 
 
-def _answer(asset: str, decision: StoredDecision) -> dict[str, Any]:
+def _answer(asset: str, decision: Job) -> dict[str, Any]:
     return {
         "id": decision.id,
         "asset": asset,
-        "name": decision.name,
-        "decision": decision.verb,
+        "name": decision.given["name"],
+        "decision": decision.given["verb"],
         "received_ns": decision.received_ns,
-        "by": decision.by,
-        "note": decision.note,
+        "by": decision.given["by"],
+        "note": decision.given["note"],
         "done": decision.done,
     }

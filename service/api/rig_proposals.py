@@ -69,7 +69,7 @@ async def rig_proposals(request: Request) -> Any:
 async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
     own = (await shown_of(request, asset)).asset
-    proposals, queue = _proposals(request), request.app.state.changes
+    proposals, queue = _proposals(request), request.app.state.queue
     proposal = await in_thread(request, lambda: proposals.find(own))
     if proposal is None or proposal.digest != given.digest:
         now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
@@ -83,7 +83,7 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
     def kept() -> int:
         what = {"digest": digest, "differences": len(_differences(request, found))}
         submit = partial(queue.submit, own, kind, about)
-        number = audited(request, kind, asset, submit, note=given.note, what=what, queued="change")
+        number = audited(request, kind, asset, submit, note=given.note, what=what, queued=True)
         queue.asked.set()  # the transaction is committed now
         return number
 

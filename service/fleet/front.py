@@ -22,15 +22,14 @@ from service.errors import StoreError
 from service.fleet.databases import engine_of, made
 from service.fleet.front_board import FleetBoard
 from service.fleet.front_incoming import FleetProposals, FleetUnknown
-from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetNames, FleetSignals, baselines_of
+from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetJobs, FleetNames, FleetSignals, baselines_of
 from service.fleet.front_position import FleetPositions
 from service.fleet.front_store import FleetStore
 from service.fleet.front_watch import FrontWatch
 from service.fleet.layout import Layout, layout_of, schema_of
 from service.operation.health import FLEET, Health
 from service.operation.systemd import READY, STOPPING, notify
-from service.results.change_queue import ChangeQueue
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
 from service.results.storage_faults import storage_error
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
@@ -53,8 +52,7 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
     store: FleetStore
     alarms: AlarmKeeper
     board: FleetBoard
-    decisions: DecisionQueue
-    changes: ChangeQueue
+    queue: JobQueue
     watch: FrontWatch
 
     @classmethod
@@ -67,21 +65,13 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
         store = FleetStore(database, layout)
         alarms = AlarmKeeper(FleetAlarms(store), rules_of(settings), settings.webhooks)
         board = FleetBoard(store, alarms)
-        decisions, changes = DecisionQueue(store, DECIDED_WITHIN), ChangeQueue(FleetLife(store), DECIDED_WITHIN)
-
-        def changed() -> None:
-            decisions.done()
-            changes.done()
-
-        watch = FrontWatch(database, store.fleet, board, changed)
-        return cls(
-            layout=layout, store=store, alarms=alarms, board=board, decisions=decisions, changes=changes, watch=watch
-        )
+        queue = JobQueue(FleetJobs(store), DECIDED_WITHIN)
+        watch = FrontWatch(database, store.fleet, board, queue.done)
+        return cls(layout=layout, store=store, alarms=alarms, board=board, queue=queue, watch=watch)
 
     def end(self) -> None:
         """Ends every wait."""
-        self.decisions.close()
-        self.changes.close()
+        self.queue.close()
         self.board.close()
 
     def __exit__(self, *_: object) -> None:
@@ -116,17 +106,16 @@ def serve_front(
         app = create_app(
             own.board,
             own.store,
-            own.decisions,
+            own.queue,
             not_ready=own.watch.not_ready,
             figures=figures_of(own.watch.figures, front.figures),
             signals=FleetSignals(own.store, settings.data),
             alarms=own.alarms,
-            changes=own.changes,
             names=FleetNames(own.store),
             baselines=baselines_of(own.store, settings.data).of,
             access=access,
             limits=limits_of(settings),
-            audit=FleetAudit(own.store.database, settings.audit_entries),
+            audit=FleetAudit(own.store.database, settings.audit_entries, own.queue.jobs),
             labelled_assets=None,
             health=health,
             incoming=_incoming_of(settings, own),

@@ -7,7 +7,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from service.fleet.front_kept import FleetLife
+from service.fleet.front_kept import FleetJobs
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import NAMES, REPORTED
 from service.fleet.notices import DISMISSED, announce
@@ -64,7 +64,7 @@ class FleetProposals:
     """The proposed rig files of all partitions, without those that were decided on since their worker wrote them."""
 
     def __init__(self, store: FleetStore) -> None:
-        self._store, self._life = store, FleetLife(store)
+        self._store, self._jobs = store, FleetJobs(store)
 
     def all(self) -> list[Proposal]:
         """The proposals of all assets."""
@@ -80,7 +80,8 @@ class FleetProposals:
 
     def _decided(self, proposal: Proposal) -> bool:
         return any(
-            change.done and change.refused is None and change.received_ns >= proposal.received_ns
-            for change in self._life.changes(proposal.asset)
-            if change.kind in (ACCEPTED, REJECTED) and change.given["digest"] == proposal.digest
+            job.done and job.refused is None and job.received_ns >= proposal.received_ns
+            for kind in (ACCEPTED, REJECTED)
+            for job in self._jobs.of(proposal.asset, kind)
+            if job.given["digest"] == proposal.digest
         )

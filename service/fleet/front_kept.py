@@ -7,6 +7,7 @@ that writes it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,13 @@ from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency
 from service.fleet.front_store import FleetStore
 from service.fleet.layout import ASSETS, schema_of
-from service.fleet.notices import ALARM, CHANGE, announce
+from service.fleet.notices import ALARM, JOB, announce
 from service.fleet.places import Divided
 from service.results.alarm_store import AlarmStore, readable
-from service.results.asset_life import AssetLife, StoredChange
 from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
+from service.results.jobs import Job, Jobs
 from service.results.names import Names
 from service.results.schema import ALARMS, WEBHOOK_OUTBOX
 from service.results.signal_reading import KeptFile, KeptSignals, folder_in, found_in
@@ -108,34 +109,40 @@ class FleetAlarms(AlarmStore):
         return sum(count for (count,) in counts)
 
 
-class FleetLife(AssetLife):
-    """Changes of assets of all partitions; windows that wait are the workers'."""
+class FleetJobs(Jobs):
+    """People's jobs of all partitions."""
 
     def __init__(self, store: FleetStore) -> None:
         super().__init__(store.database)
         self._store = store
-        self._parts: Divided[AssetLife] = Divided(store.fleet, store.places, lambda _, tables: AssetLife(tables))
+        self._parts: Divided[Jobs] = Divided(store.fleet, store.places, lambda _, tables: Jobs(tables))
 
-    def add_change(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
-        """Keeps a change; one that gives a name which an asset of another partition has is refused at once."""
+    def add(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
+        """Keeps a job; one that gives a name which an asset of another partition has or had is refused at once."""
         own = self._parts.of(asset)
         with self.transaction() as db:
-            number = own.add_change(asset, kind, given)
+            number = own.add(asset, kind, given)
             name = given.get("name") if kind in NAMING else None
             if name is not None and self._store.places.elsewhere(name, asset):
                 reason = f"there is an asset {name!r} already, or one that was called so: give another name"
-                own.refuse_change(number, reason)
-            announce(db, self._store.places.partition_of(asset), CHANGE, asset)
+                own.refuse(number, reason)
+            announce(db, self._store.places.partition_of(asset), JOB, asset)
             return number
 
-    def change(self, number: int) -> StoredChange:
-        return self._parts.of_number(number).change(number)
+    def job(self, number: int) -> Job:
+        return self._parts.of_number(number).job(number)
 
-    def changes(self, asset: str) -> tuple[StoredChange, ...]:
+    def pending(self) -> tuple[Job, ...]:
+        return tuple(job for part in self._parts.all() for job in part.pending())
+
+    def of(self, asset: str, kind: str, after: int = 0, limit: int | None = None) -> tuple[Job, ...]:
+        return self._parts.of(asset).of(asset, kind, after, limit)
+
+    def changes(self, asset: str) -> tuple[Job, ...]:
         return self._parts.of(asset).changes(asset)
 
-    def pending_changes(self) -> tuple[StoredChange, ...]:
-        return tuple(change for part in self._parts.all() for change in part.pending_changes())
+    def decision_counts(self) -> dict[str, dict[str, int]]:
+        return dict(chain(*(part.decision_counts().items() for part in self._parts.all())))
 
 
 class FleetNames(Names):

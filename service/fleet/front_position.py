@@ -14,7 +14,8 @@ from service.fleet.front_kept import FleetNames
 from service.fleet.front_store import FleetStore
 from service.fleet.heartbeat import SILENT
 from service.fleet.layout import ASSETS, PARTITIONS, SERVER_NOW
-from service.results.schema import WAITING
+from service.results.jobs import WINDOW
+from service.results.schema import JOBS
 from service.runtime.positions import LONGEST_FRAME_NS
 from service.stream.frames import NS
 
@@ -22,7 +23,7 @@ _PARTITION = sa.select(
     PARTITIONS.c.token, PARTITIONS.c.figures, (SERVER_NOW - PARTITIONS.c.seen_ns).label("age_ns")
 ).where(PARTITIONS.c.number == sa.bindparam("number"))
 _KNOWN = sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of"))
-_WAITING = sa.select(sa.func.count()).where(WAITING.c.asset == sa.bindparam("of"))
+_WAITING = sa.select(sa.func.count()).where(JOBS.c.asset == sa.bindparam("of"), JOBS.c.kind == WINDOW)
 
 
 class FleetPositions:

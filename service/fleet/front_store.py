@@ -10,10 +10,9 @@ import sqlalchemy as sa
 
 from service.fleet.front_database import FleetDatabase
 from service.fleet.layout import ASSETS, Layout
-from service.fleet.notices import DECISION, announce
 from service.fleet.places import Divided, Places
 from service.results.sql_store import SqlStore
-from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow
+from service.results.store import Event, StoredAsset, StoredWindow
 
 _ASSETS = sa.select(ASSETS.c.asset).order_by(ASSETS.c.asset)
 
@@ -47,32 +46,6 @@ class FleetStore:
 
     def keep(self, asset: str, **parts: Any) -> None:
         self.stores.of(asset).keep(asset, **parts)
-
-    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
-        partition = self.places.partition_of(asset)
-        store = self.stores.at(partition)
-        with store.database.transaction() as db:
-            announce(db, partition, DECISION, asset)
-            return store.add_inspection(asset, inspection, answer)
-
-    def use_inspection(self, inspection: StoredInspection, **given: Any) -> bool:
-        return self.stores.of(inspection.asset).use_inspection(inspection, **given)
-
-    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
-        self.stores.of(inspection.asset).refuse_inspection(inspection, answer)
-
-    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
-        partition = self.places.partition_of(asset)
-        store = self.stores.at(partition)
-        with store.database.transaction() as db:
-            announce(db, partition, DECISION, asset)
-            return store.add_decision(asset, name, verb, by, note)
-
-    def carry_out(self, decision: StoredDecision, **given: Any) -> bool:
-        return self.stores.of(decision.asset).carry_out(decision, **given)
-
-    def refuse(self, decision: StoredDecision, reason: str) -> None:
-        self.stores.of(decision.asset).refuse(decision, reason)
 
     # -- reading -------------------------------------------------------------------------------------
 
@@ -111,24 +84,3 @@ class FleetStore:
 
     def last_event_ids(self) -> dict[str, int]:
         return dict(chain(*(s.last_event_ids().items() for s in self.stores.all())))
-
-    def inspection(self, number: int) -> StoredInspection:
-        return self.stores.of_number(number).inspection(number)
-
-    def pending_inspections(self) -> tuple[StoredInspection, ...]:
-        return tuple(chain(*(s.pending_inspections() for s in self.stores.all())))
-
-    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
-        return self.stores.of(asset).inspections(asset, after, limit)
-
-    def decision(self, number: int) -> StoredDecision:
-        return self.stores.of_number(number).decision(number)
-
-    def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
-        return self.stores.of(asset).decisions(asset)
-
-    def decision_counts(self) -> dict[str, dict[str, int]]:
-        return dict(chain(*(s.decision_counts().items() for s in self.stores.all())))
-
-    def pending_decisions(self) -> tuple[StoredDecision, ...]:
-        return tuple(chain(*(s.pending_decisions() for s in self.stores.all())))

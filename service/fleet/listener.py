@@ -12,7 +12,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.errors import StoreError
 from service.fleet.databases import url_of
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import ALARM, ASSET, DECISION, DISMISSED, NAMED, channel_of
+from service.fleet.notices import ALARM, ASSET, DISMISSED, NAMED, channel_of
 from service.runtime.worker import Kept
 
 log = logging.getLogger(__name__)
@@ -87,8 +87,7 @@ class Listener(threading.Thread):
     def _look_at_all(self) -> None:
         """What notifications that were lost would have said."""
         kept = self._kept
-        kept.decisions.asked.set()
-        kept.changes.asked.set()
+        kept.queue.asked.set()
         try:
             self._read_names()
             for asset in kept.store.assets():
@@ -114,7 +113,7 @@ class Listener(threading.Thread):
                 self._names_given = True
                 self._read_names()
             else:
-                (kept.decisions if what == DECISION else kept.changes).asked.set()
+                kept.queue.asked.set()
         except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
             log.debug("what was announced of %s waits: %s", asset, error)
 

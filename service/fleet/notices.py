@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from sqlalchemy import Connection
 
-DECISION, CHANGE, ALARM, ASSET, DISMISSED = "decision", "change", "alarm", "asset", "dismissed"
+JOB, ALARM, ASSET, DISMISSED = "job", "alarm", "asset", "dismissed"
 NAMED = "named"  # an asset has a name that hashes to another partition than its own
 CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
 

@@ -2,19 +2,20 @@
 
 An entry is written in the transaction of the change. Entries are added and read; nothing changes one, and only the
 oldest are removed, beyond the number that is kept. A change that is queued is carried out later: its entry refers to
-it, and its outcome is read from there.
+the job, and its outcome is read from there.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
 from sqlalchemy import bindparam, delete, select
 
 from service.access.roles import Who
+from service.results.jobs import Jobs
 from service.results.json_columns import dump, salvage
 from service.results.schema import AUDIT
 from service.results.store import Tables
@@ -34,8 +35,7 @@ _COLUMNS = (
     "address",
     "asset",
     "note",
-    "reference",
-    "number",
+    "job",
 )
 _PAGE = (
     select(*(AUDIT.c[name] for name in _COLUMNS), AUDIT.c.what)
@@ -46,15 +46,14 @@ _PAGE = (
 _NEWEST = select(AUDIT.c.id).order_by(AUDIT.c.id.desc()).limit(1).offset(bindparam("back"))
 _REFERRED = select(AUDIT.c.note).where(AUDIT.c.action == "key")
 
-Outcome = Callable[[int], str | None]  # of a queued change by its number; None while it waits
-
 
 class AuditLog:
     """Entries in the results' database; `keep` of them are kept."""
 
-    def __init__(self, database: Tables, keep: int = 100_000) -> None:
+    def __init__(self, database: Tables, keep: int = 100_000, jobs: Jobs | None = None) -> None:
+        """jobs  of which entries speak; None for those of the database"""
         self._database, self._keep = database, keep
-        self.outcomes: dict[str, Outcome] = {}
+        self._jobs = jobs or Jobs(database)
         self.entered = 0  # entries since the start
         self.keys_seen: object = None  # version of the list of keys that is entered
 
@@ -71,11 +70,11 @@ class AuditLog:
         note: str | None = None,
         what: Mapping[str, Any] | None = None,
         outcome: str = DONE,
-        reference: tuple[str, int] | None = None,
+        job: int | None = None,
     ) -> int:
         """Adds an entry; its number.
 
-        reference  kind and number of a queued change, whose outcome is to be read when the entry is
+        job  that was submitted, whose outcome is to be read when the entry is
         """
         row = {
             "at_ns": time.time_ns(),
@@ -87,8 +86,7 @@ class AuditLog:
             "asset": asset,
             "note": None if note is None else note[:LONGEST],
             "outcome": outcome[:LONGEST],
-            "reference": reference[0] if reference else None,
-            "number": reference[1] if reference else None,
+            "job": job,
             "what": dump(dict(what or {})),
         }
         with self._database.transaction() as db:
@@ -117,8 +115,9 @@ class AuditLog:
         return {note for (note,) in self._database.rows(_REFERRED)}
 
     def _entry(self, row: dict[str, Any]) -> dict[str, Any]:
-        reference, number = row.pop("reference"), row.pop("number")
+        number = row.pop("job")
         row["what"] = salvage(row["what"], f"entry {row['id']} of the audit log") or {}
-        if reference in self.outcomes and number is not None:
-            row["outcome"] = self.outcomes[reference](number) or WAITS
+        if number is not None:
+            job = self._jobs.job(number)
+            row["outcome"] = f"refused: {job.refused}" if job.refused else DONE if job.done else WAITS
         return row

@@ -8,7 +8,7 @@ from pathlib import Path
 from service.errors import InputError, NotKept
 from service.files.baseline import learned_from, read_baseline, save
 from service.files.rig import checked_rig
-from service.results.asset_life import AssetLife
+from service.results.jobs import Jobs
 from service.results.present_machine import demand_present
 from service.results.signal_reading import KeptSignals
 from service.results.store import ResultStore
@@ -24,7 +24,7 @@ def learn_from_windows(
     indices: Sequence[int],
     store: ResultStore,
     signals: KeptSignals,
-    life: AssetLife,
+    jobs: Jobs,
     before: Path | None = None,
 ) -> Baseline:
     """The baseline of the chosen windows; InputError where one is not sound, or not of the machine as it is now.
@@ -35,7 +35,7 @@ def learn_from_windows(
     if rig is None:
         raise InputError(f"no rig file is known for {asset}: a baseline needs the tooth counts of its gears")
     earlier = None if before is None else _still_valid(read_baseline(before), asset, store)
-    demand_present(asset, indices, life)
+    demand_present(asset, indices, jobs)
     windows = []
     for index in sorted(set(indices)):
         (found,) = store.windows(asset, index - 1, 1) or (None,)

@@ -14,8 +14,9 @@ from typing import Any
 from sqlalchemy import Connection, delete, select
 
 from service.errors import StoreError
+from service.results.jobs import Jobs
 from service.results.json_columns import dump, salvage
-from service.results.schema import BASELINE_NUMBERS, BASELINES, CHANGES
+from service.results.schema import BASELINE_NUMBERS, BASELINES
 from service.results.store import Tables
 
 SUFFIX = ".baseline"
@@ -37,9 +38,7 @@ class BaselineStore:
     def _clear(self) -> None:
         """Deletes the files of baselines that were replaced, or never came into use."""
         known = {name for (name,) in self._database.rows(select(BASELINES.c.file))}
-        for (given,) in self._database.rows(select(CHANGES.c.given).where(CHANGES.c.done == 0)):
-            # of a change that was submitted before the service ended
-            known.add((salvage(given, "a change that waits") or {}).get("file"))
+        known |= {job.given.get("file") for job in Jobs(self._database).pending()}  # submitted before the service ended
         for path in self._folder.iterdir():
             if path.name not in known:
                 path.unlink(missing_ok=True)

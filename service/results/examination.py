@@ -13,11 +13,11 @@ from sqlalchemy.exc import SQLAlchemyError
 from service.errors import DamageError
 from service.results.backends import backend_of
 from service.results.data_folder import BASELINES, WAITING
+from service.results.jobs import WINDOW
 from service.results.json_columns import load, seal
 from service.results.migrate import present
-from service.results.schema import ASSETS, METADATA, WINDOWS
+from service.results.schema import ASSETS, JOBS, METADATA, WINDOWS
 from service.results.schema import BASELINES as OWN_BASELINES
-from service.results.schema import WAITING as WAITING_WINDOWS
 from service.results.window_file import SUFFIX, read_window
 
 RESTORE = "restore the latest backup into an empty directory (`gear-twin restore`)"
@@ -110,12 +110,12 @@ def _of_files(db: Connection, data: Path) -> Iterator[Finding]:
     for (file,) in db.execute(sa.select(OWN_BASELINES.c.file)).all():
         if not (data / BASELINES / file).is_file():
             yield Finding(what=f"the baseline {data / BASELINES / file} is not there", action=RESTORE)
-    for number, asset in db.execute(sa.select(WAITING_WINDOWS.c.id, WAITING_WINDOWS.c.asset)).all():
+    for number, asset in db.execute(sa.select(JOBS.c.id, JOBS.c.asset).where(JOBS.c.kind == WINDOW)).all():
         path = data / WAITING / f"{number:08d}{SUFFIX}"
         try:
             read_window(path)
         except FileNotFoundError:
-            if db.execute(sa.select(WAITING_WINDOWS.c.id).where(WAITING_WINDOWS.c.id == number)).first() is None:
+            if db.execute(sa.select(JOBS.c.id).where(JOBS.c.id == number)).first() is None:
                 continue  # it was processed while this looked
             action = "send the recordings from then on again: the service goes on before it"
             yield Finding(what=f"{path}, a window of {asset} that waits, is not there", action=action)

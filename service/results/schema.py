@@ -91,29 +91,22 @@ FAULT_TOTALS = Table(
     _number("windows"),
     sqlite_with_rowid=False,
 )
-INSPECTIONS = Table(
-    "inspections",
+JOBS = Table(  # see `jobs`
+    "jobs",
     METADATA,
     _key(),
     _asset(),
     _number("received_ns"),
-    _json("inspection"),
-    _json("answer"),
-    _number("done", "1"),
-    Index("inspections_waiting", "done", "id"),
-    sqlite_autoincrement=True,
-)
-DECISIONS = Table(
-    "decisions",
-    METADATA,
-    _key(),
-    _asset(),
-    _number("received_ns"),
-    _text("name"),
-    _text("verb"),
+    _text("kind"),
+    _json("given", nullable=True),
     _number("done", "0"),
-    *(_text(n, nullable=True) for n in ("refused", "signed_by", "note")),
-    Index("decisions_waiting", "done", "id"),
+    _text("refused", nullable=True),
+    _json("outcome", nullable=True),
+    _text("verb", nullable=True),  # of a decision
+    _number("start_ns", nullable=True),  # of a window
+    _number("bytes", nullable=True),  # of a window's file
+    Index("jobs_waiting", "done", "id"),
+    Index("jobs_of_asset", "asset", "kind", "id"),
     sqlite_autoincrement=True,
 )
 ALARM_RULES = Table("alarm_rules", METADATA, _asset(primary_key=True), _json("rules"), _json("changed"))
@@ -148,31 +141,6 @@ WEBHOOK_OUTBOX = Table(
     _number("attempts", "0"),
     sqlite_autoincrement=True,
 )
-CHANGES = Table(
-    "changes",
-    METADATA,
-    _key(),
-    _asset(),
-    _number("received_ns"),
-    _text("kind"),
-    _json("given"),
-    _number("done", "0"),
-    _text("refused", nullable=True),
-    _json("effect", nullable=True),
-    Index("changes_waiting", "done", "id"),
-    sqlite_autoincrement=True,
-)
-WAITING = Table(
-    "waiting",
-    METADATA,
-    _key(),
-    _asset(),
-    _number("start_ns"),
-    _number("bytes"),
-    _json("before", nullable=True),
-    Index("waiting_of_asset", "asset", "id"),
-    sqlite_autoincrement=True,
-)
 NAMES = Table(  # every name that was ever given: see `names`
     "names", METADATA, _text("name", primary_key=True), _asset(), _text("labelled", nullable=True)
 )
@@ -184,8 +152,8 @@ AUDIT = Table(
     _key(),
     _number("at_ns"),
     *(_text(n) for n in ("kind", "action", "outcome")),
-    *(_text(n, nullable=True) for n in ("name", "role", "address", "asset", "note", "reference")),
-    _number("number", nullable=True),
+    *(_text(n, nullable=True) for n in ("name", "role", "address", "asset", "note")),
+    _number("job", nullable=True),
     _json("what"),
     sqlite_autoincrement=True,
 )

@@ -27,10 +27,9 @@ from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
 from service.results.extremes import adding, outline, row_of
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.retention import END_OF_EPOCH, NOTABLE, STAYS
-from service.results.schema import ASSETS, DECISIONS, EVENTS, EXTREMES, FAULT_TOTALS, INSPECTIONS, NUMBER, WINDOWS
+from service.results.schema import ASSETS, EVENTS, EXTREMES, FAULT_TOTALS, NUMBER, WINDOWS
 from service.results.sparse_reading import epochs_of, spread_numbers
-from service.results.store import Event, FaultTotals, StoredAsset, StoredDecision, StoredInspection, StoredWindow
-from service.steady_clock import later_time_ns
+from service.results.store import Event, FaultTotals, StoredAsset, StoredWindow
 
 VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
 JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
@@ -78,26 +77,6 @@ _EVENTS = (
     .limit(bindparam("most"))
 )
 _LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == NAMED)
-_INSPECTION = select(
-    *(INSPECTIONS.c[n] for n in ("id", "asset", "received_ns", "inspection", "answer", "done"))
-).order_by(INSPECTIONS.c.id)
-_DECISION = select(DECISIONS).order_by(DECISIONS.c.id)
-_DECISION_COUNTS = (
-    select(DECISIONS.c.asset, DECISIONS.c.verb, func.count())
-    .where(DECISIONS.c.done == 1, DECISIONS.c.refused.is_(None))
-    .group_by(DECISIONS.c.asset, DECISIONS.c.verb)
-)
-_END_INSPECTION = (
-    update(INSPECTIONS)
-    .where(INSPECTIONS.c.id == bindparam("number"), INSPECTIONS.c.done == 0)
-    .values(done=1, answer=bindparam("answer"))
-)
-_END_DECISION = (
-    update(DECISIONS)
-    .where(DECISIONS.c.id == bindparam("number"), DECISIONS.c.done == 0)
-    .values(done=1, refused=bindparam("refused"))
-)
-
 _REFERRING = dump({})  # the data of an event that refers to its window
 
 
@@ -217,67 +196,6 @@ class SqlStore:
                 others |= sealed({**counts, **given})
             self._keep(db, asset, parts, others)
 
-    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
-        """Keeps one measured depth, which waits to become part of the estimate; its id."""
-        with self._transaction() as db:
-            self.database.ensure(db, asset)
-            row = {"asset": asset, "received_ns": later_time_ns(), "done": 0}
-            row |= {"inspection": dump(inspection), "answer": dump(answer)}
-            return self.database.add(db, INSPECTIONS, row)
-
-    def use_inspection(
-        self,
-        inspection: StoredInspection,
-        *,
-        answer: Mapping[str, Any],
-        state: Mapping[str, Any],
-        report: Mapping[str, Any],
-        events: Iterable[tuple[str, Mapping[str, Any]]],
-    ) -> bool:
-        """An inspection with all that it changes, whole; False (and nothing changed) where it was used before."""
-        with self._transaction() as db:
-            self._refuse_damaged(inspection.asset)
-            if not db.execute(_END_INSPECTION, {"number": inspection.id, "answer": dump(answer)}).rowcount:
-                return False
-            self._keep(db, inspection.asset, {"state": state, "report": report})
-            self._add_events(db, inspection.asset, events)
-            return True
-
-    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
-        """Ends an inspection that cannot become part of the estimate."""
-        with self._transaction() as db:
-            db.execute(_END_INSPECTION, {"number": inspection.id, "answer": dump(answer)})
-
-    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
-        """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
-        with self._transaction() as db:
-            self.database.ensure(db, asset)
-            row = {"asset": asset, "received_ns": later_time_ns(), "name": name, "verb": verb}
-            row |= {"signed_by": by, "note": note}
-            return self.database.add(db, DECISIONS, row)
-
-    def carry_out(
-        self,
-        decision: StoredDecision,
-        *,
-        state: Mapping[str, Any],
-        report: Mapping[str, Any],
-        events: Iterable[tuple[str, Mapping[str, Any]]],
-    ) -> bool:
-        """Takes in a decision with all that it changes, whole; False (and nothing changed) where it was done before."""
-        with self._transaction() as db:
-            self._refuse_damaged(decision.asset)
-            if not db.execute(_END_DECISION, {"number": decision.id, "refused": None}).rowcount:
-                return False
-            self._keep(db, decision.asset, {"state": state, "report": report})
-            self._add_events(db, decision.asset, events)
-            return True
-
-    def refuse(self, decision: StoredDecision, reason: str) -> None:
-        """Ends a decision that cannot be carried out."""
-        with self._transaction() as db:
-            db.execute(_END_DECISION, {"number": decision.id, "refused": reason})
-
     # -- reading -------------------------------------------------------------------------------------
 
     def assets(self) -> tuple[str, ...]:
@@ -383,37 +301,6 @@ class SqlStore:
     def last_event_ids(self) -> dict[str, int]:
         return dict(tuple(row) for row in self._rows(LAST_EVENTS))
 
-    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
-        own = _INSPECTION.where(INSPECTIONS.c.asset == asset, INSPECTIONS.c.id > after).limit(limit)
-        return tuple(inspection.to_dict() for inspection in self._inspections(own))
-
-    def inspection(self, number: int) -> StoredInspection:
-        (found,) = self._inspections(_INSPECTION.where(INSPECTIONS.c.id == number))
-        return found
-
-    def pending_inspections(self) -> tuple[StoredInspection, ...]:
-        """Those that wait to become part of the estimate, oldest first."""
-        return self._inspections(_INSPECTION.where(INSPECTIONS.c.done == 0))
-
-    def decision(self, number: int) -> StoredDecision:
-        (found,) = self._decisions(_DECISION.where(DECISIONS.c.id == number))
-        return found
-
-    def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
-        """All decisions on the asset's effects, oldest first."""
-        return self._decisions(_DECISION.where(DECISIONS.c.asset == asset))
-
-    def decision_counts(self) -> dict[str, dict[str, int]]:
-        """How many decisions on effects were carried out, by asset and verb; one query for all assets."""
-        counts: dict[str, dict[str, int]] = {}
-        for asset, verb, count in self._rows(_DECISION_COUNTS):
-            counts.setdefault(asset, {})[verb] = count
-        return counts
-
-    def pending_decisions(self) -> tuple[StoredDecision, ...]:
-        """Those that wait to be carried out, oldest first."""
-        return self._decisions(_DECISION.where(DECISIONS.c.done == 0))
-
     # -- within --------------------------------------------------------------------------------------
 
     def _windows(self, query: Select, values: Mapping[str, Any]) -> tuple[StoredWindow, ...]:
@@ -431,27 +318,6 @@ class SqlStore:
                 continue
             windows.append(StoredWindow(start_ns=start_ns, record=current_record(kept), figures=figures_))
         return tuple(windows)
-
-    def _inspections(self, query: Select) -> tuple[StoredInspection, ...]:
-        found = (
-            (i, asset, ns, salvage(given, f"inspection {i} of {asset}"), answer, done)
-            for i, asset, ns, given, answer, done in self._rows(query)
-        )
-        return tuple(
-            StoredInspection(
-                id=i, asset=asset, received_ns=ns, inspection=given, done=bool(done),
-                answer=salvage(answer, f"the answer to inspection {i} of {asset}") or {},
-            )
-            for i, asset, ns, given, answer, done in found
-            if given is not None
-        )  # fmt: skip
-
-    def _decisions(self, query: Select) -> tuple[StoredDecision, ...]:
-        names = {"id", "asset", "received_ns", "name", "verb", "refused", "note"}
-        return tuple(
-            StoredDecision(**{n: row[n] for n in names}, done=bool(row["done"]), by=row["signed_by"])
-            for row in (r._mapping for r in self._rows(query))
-        )
 
     def _counts(self, db: Connection, asset: str) -> dict[str, Any]:
         """The present numbers of an asset, which is there afterwards."""

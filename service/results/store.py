@@ -34,37 +34,6 @@ class StoredWindow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StoredDecision:
-    """An engineer's decision on an effect."""
-
-    id: int
-    asset: str
-    received_ns: int
-    name: str
-    verb: str
-    done: bool  # carried out, or refused
-    refused: str | None  # why it could not be carried out
-    by: str | None = None  # name of the person
-    note: str | None = None  # what was seen, or why
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StoredInspection:
-    """A measured wear depth."""
-
-    id: int
-    asset: str
-    received_ns: int
-    inspection: Mapping[str, Any]  # `revolutions`, `max_depth_um`, `flank`, `std_um`
-    answer: Mapping[str, Any]  # the twin's own figure, and what the inspection changed once it is part of the estimate
-    done: bool  # part of the estimate, or not usable
-
-    def to_dict(self) -> dict[str, Any]:
-        """The inspection with its id and time, and the answer."""
-        return {"inspection": {"id": self.id, "received_ns": self.received_ns, **self.inspection}, **self.answer}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StoredAsset:
     """All that is known of one asset, as committed; None where nothing has been committed yet."""
 
@@ -168,45 +137,6 @@ class ResultStore(Protocol):
         """
         ...
 
-    def add_inspection(self, asset: str, inspection: Mapping[str, Any], answer: Mapping[str, Any]) -> int:
-        """Keeps one measured depth, which waits to become part of the estimate, with the twin's own figure; its id."""
-        ...
-
-    def use_inspection(
-        self,
-        inspection: StoredInspection,
-        *,
-        answer: Mapping[str, Any],
-        state: Mapping[str, Any],
-        report: Mapping[str, Any],
-        events: Iterable[tuple[str, Mapping[str, Any]]],
-    ) -> bool:
-        """Takes in an inspection with all that it changes, whole; False (and nothing changed) where it was before."""
-        ...
-
-    def refuse_inspection(self, inspection: StoredInspection, answer: Mapping[str, Any]) -> None:
-        """Ends an inspection that cannot become part of the estimate; `answer` says why."""
-        ...
-
-    def add_decision(self, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
-        """Keeps a decision that waits to be carried out, with the person's name and note; its id."""
-        ...
-
-    def carry_out(
-        self,
-        decision: StoredDecision,
-        *,
-        state: Mapping[str, Any],
-        report: Mapping[str, Any],
-        events: Iterable[tuple[str, Mapping[str, Any]]],
-    ) -> bool:
-        """Takes in a decision with all that it changes, whole; False (and nothing changed) where it was done before."""
-        ...
-
-    def refuse(self, decision: StoredDecision, reason: str) -> None:
-        """Ends a decision that cannot be carried out."""
-        ...
-
     # -- reading -------------------------------------------------------------------------------------
 
     def assets(self) -> tuple[str, ...]: ...
@@ -255,27 +185,3 @@ class ResultStore(Protocol):
     def last_event_id(self, asset: str) -> int: ...
 
     def last_event_ids(self) -> Mapping[str, int]: ...
-
-    def inspection(self, number: int) -> StoredInspection: ...
-
-    def pending_inspections(self) -> tuple[StoredInspection, ...]:
-        """Those that wait to become part of the estimate, oldest first."""
-        ...
-
-    def inspections(self, asset: str, after: int = 0, limit: int = 1000) -> tuple[Mapping[str, Any], ...]:
-        """At most `limit` inspections with an id above `after`, oldest first."""
-        ...
-
-    def decision(self, number: int) -> StoredDecision: ...
-
-    def decisions(self, asset: str) -> tuple[StoredDecision, ...]:
-        """All decisions on the asset's effects, oldest first."""
-        ...
-
-    def decision_counts(self) -> Mapping[str, Mapping[str, int]]:
-        """How many decisions on effects were carried out, by asset and verb."""
-        ...
-
-    def pending_decisions(self) -> tuple[StoredDecision, ...]:
-        """Those that wait to be carried out, oldest first."""
-        ...

@@ -13,17 +13,17 @@ from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.long_lived import long_lived
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
-from service.results.change_queue import ChangeQueue
 from service.results.data_folder import BASELINES, SIGNALS, WAITING
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
+from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import Elsewhere, UnknownAssets, everything_here
+from service.results.window_jobs import WindowJobs
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.worker import Kept
 from service.settings import Settings
@@ -55,8 +55,9 @@ class Begun(AbstractContextManager["Begun"]):
         """
         with ExitStack() as stack:
             store = stack.enter_context(open_store())
-            life = AssetLife(store.database, settings.data / WAITING)
-            life.step_back()
+            windows = WindowJobs(store.database, settings.data / WAITING)
+            windows.step_back()
+            jobs = Jobs(store.database)
             names = Names(store.database)
             known, board = stack.enter_context(_restored(store))
             signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
@@ -66,9 +67,8 @@ class Begun(AbstractContextManager["Begun"]):
             kept = Kept(
                 store=store,
                 board=board,
-                decisions=DecisionQueue(store),
-                life=life,
-                changes=ChangeQueue(life),
+                queue=JobQueue(jobs),
+                windows=windows,
                 unknown=unknown_of(settings, board, names, elsewhere),
                 baselines=BaselineStore(store.database, settings.data / BASELINES),
                 names=names,
@@ -79,7 +79,7 @@ class Begun(AbstractContextManager["Begun"]):
                 store,
                 board,
                 given_rigs,
-                RigProposals(life.rejected_rigs),
+                RigProposals(jobs.rejected_rigs),
                 asks=kept.unknown.asks,
                 names=names,
             )

@@ -15,32 +15,29 @@ transaction each; those that a kill leaves are processed by the next start.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
 from service.errors import InputError
 from service.files.rig import checked_rig
 from service.files.rig_difference import differences
-from service.results.asset_life import AssetLife, StoredChange
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
-from service.results.change_queue import ChangeQueue
+from service.results.jobs import Job, Jobs
 from service.results.names import Names
 from service.results.present_machine import demand_present
 from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
 from service.results.sparkline import Sparkline
 from service.results.status_events import status_events
 from service.results.store import ResultStore
+from service.results.window_jobs import WindowJobs
 from service.runtime.computing import Ask, Made
-from service.runtime.in_order import Pending
 from service.runtime.intake import Intake
-from service.runtime.lane import Job, Lane
+from service.runtime.job_worker import JobKind, once
+from service.runtime.lane import Lane
 from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
@@ -55,27 +52,16 @@ from twin.machine_change import MachineChange
 IGNORED = "windows of this revolution count are not used, as decided when it had fallen"
 
 
-class _Kind(NamedTuple):
-    """How a kind of change is carried out: what is asked of the twin, and what follows, in one transaction."""
-
-    ask: Callable[[Lane, StoredChange], Ask | None]
-    then: Callable[[Lane, StoredChange, Made], None]
-
-
-def _nothing(lane: Lane, change: StoredChange) -> None:
-    """Nothing is asked of the twin."""
-
-
-class ChangeWorker:
-    """Carries out the changes that wait."""
+class Changes:
+    """How changes of an asset are carried out: `kinds`."""
 
     def __init__(
         self,
-        queue: ChangeQueue,
+        jobs: Jobs,
+        windows: WindowJobs,
         reception: Reception,
         lanes: Lanes,
         store: ResultStore,
-        life: AssetLife,
         board: Board,
         publication: StatePublication,
         *,
@@ -88,62 +74,28 @@ class ChangeWorker:
         proposals: RigProposals,
     ) -> None:
         self._names, self._proposals = names, proposals
-        self._queue, self._reception, self._lanes = queue, reception, lanes
-        self._store, self._life = store, life
+        self._jobs, self._windows, self._reception, self._lanes = jobs, windows, reception, lanes
+        self._store = store
         self._board, self._publication = board, publication
         self._streams, self._intake, self._spool = streams, intake, spool
         self._alarms, self._baselines = alarms, baselines
-        self._begun: set[int] = set()
-        self._kinds: Mapping[str, _Kind] = {
-            "other_machine": _Kind(lambda lane, change: self._ask_other_machine(change), self._other_machine),
-            "ignore": _Kind(lambda lane, change: self._ask_ignore(change), self._ignore),
-            "renamed": _Kind(_nothing, self._rename),
-            "retired": _Kind(_nothing, self._retire),
-            "reinstated": _Kind(_nothing, self._retire),
-            "baseline_given": _Kind(_nothing, self._baseline),
-            "baseline_removed": _Kind(_nothing, self._baseline),
-            ACCEPTED: _Kind(_nothing, self._accept_rig),
-            REJECTED: _Kind(_nothing, self._reject_rig),
+        machine = JobKind(self._machine, self._ask_machine)
+        self.kinds: Mapping[str, JobKind] = {
+            **dict.fromkeys(("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled"), machine),
+            "other_machine": JobKind(self._other_machine, self._ask_other_machine, begins=True),
+            "ignore": JobKind(self._ignore, self._ask_ignore, begins=True),
+            "renamed": JobKind(self._rename, begins=True),
+            "retired": JobKind(self._retire, begins=True),
+            "reinstated": JobKind(self._retire, begins=True),
+            "baseline_given": JobKind(self._baseline, begins=True),
+            "baseline_removed": JobKind(self._baseline, begins=True),
+            ACCEPTED: JobKind(self._accept_rig, begins=True),
+            REJECTED: JobKind(self._reject_rig, begins=True),
         }
-
-    @property
-    def asked(self) -> threading.Event:
-        """Set while something may wait."""
-        return self._queue.asked
-
-    def pending(self) -> tuple[list[Pending]]:
-        """The changes that wait."""
-        return ([Pending(change.received_ns, partial(self._begin, change)) for change in self._queue.pending()],)
-
-    def _begin(self, change: StoredChange) -> None:
-        if change.id in self._begun:
-            return
-        kind = self._kinds.get(change.kind, _Kind(self._ask_machine, self._machine))
-
-        def ask(lane: Lane) -> Ask | None:
-            return kind.ask(lane, change)
-
-        def then(lane: Lane, made: Made) -> None:
-            kind.then(lane, change, made)
-            self._end(change)
-
-        def refuse(reason: str) -> None:
-            self._life.refuse_change(change.id, reason)
-            self._end(change)
-
-        if self._lanes.find(change.asset) is None and change.kind not in self._kinds:
-            refuse("no window has been processed yet: there is nothing that the change ends")
-        else:
-            self._begun.add(change.id)
-            self._lanes.do(change.asset, Job(ask=ask, then=then, refuse=refuse))
-
-    def _end(self, change: StoredChange) -> None:
-        self._begun.discard(change.id)
-        self._queue.done()
 
     # -- the kinds -----------------------------------------------------------------------------------
 
-    def _ask_machine(self, lane: Lane, change: StoredChange) -> Ask:
+    def _ask_machine(self, lane: Lane, change: Job) -> Ask:
         given = change.given
         made = MachineChange(
             kind=change.kind, sensor=given.get("sensor"), at=given.get("revolutions"), began=given.get("count") or 0.0
@@ -152,7 +104,7 @@ class ChangeWorker:
             self._demand_sensor(change.asset, made.sensor)
         return Ask("change", made)
 
-    def _machine(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _machine(self, lane: Lane, change: Job, made: Made) -> None:
         """A change of the machine: what it ends of the twin's memory begins again."""
         asset, question = change.asset, lane.question
         answers = question is not None and change.kind in question["answers"]
@@ -161,7 +113,7 @@ class ChangeWorker:
         epoch = present + (change.kind == "gears_replaced")
         effect = {"epoch": epoch, "revolutions": self._revolutions(asset), "from_window": lane.index}
         rig = question.get("rig") if answers and question is not None and change.kind == "gears_replaced" else None
-        with self._once(change, effect) as first:
+        with once(self._jobs, change, effect) as first:
             if first:
                 parts = {"question": None} if answers else {}
                 self._store.keep(asset, state=outcome.state.to_dict(), report=outcome.report, epoch=epoch, **parts)
@@ -184,11 +136,11 @@ class ChangeWorker:
             self._answered(lane)
         self._show(asset, last, report=outcome.report, alarms=opened, epoch=epoch, **shown)
 
-    def _ask_other_machine(self, change: StoredChange) -> Ask:
+    def _ask_other_machine(self, lane: Lane, change: Job) -> Ask:
         self._open_question(change)
         return Ask("forget")
 
-    def _other_machine(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _other_machine(self, lane: Lane, change: Job, made: Made) -> None:
         """The stream is another machine's from now on, with the windows that wait.
 
         Where its frames repeat times that have passed, none of them has been used, and the windows stay.
@@ -198,7 +150,7 @@ class ChangeWorker:
         fresh = question["kind"] == REPEATED
         rig = question.get("rig") or self._store.asset(asset).rig
         effect = {"asset": name}
-        with self._once(change, effect) as first:
+        with once(self._jobs, change, effect) as first:
             if first:
                 self._names.demand_free(name)
                 self._store.keep(asset, question=None, state=made.state.to_dict())
@@ -208,7 +160,7 @@ class ChangeWorker:
                 if not fresh and lane.assembly:
                     self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
                 if not fresh:
-                    self._life.give_waiting(asset, name)
+                    self._windows.give_waiting(asset, name)
                 self._names.give_streams(asset, name)
                 self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
         self._streams.reload()
@@ -226,16 +178,16 @@ class ChangeWorker:
         self._publication.publish(name)
         self._lanes.give(asset, name, fresh=fresh)
 
-    def _ask_ignore(self, change: StoredChange) -> Ask | None:
+    def _ask_ignore(self, lane: Lane, change: Job) -> Ask | None:
         question = self._open_question(change)
         return Ask("ignore") if question["kind"] not in (GEARS_DIFFER, REPEATED) else None
 
-    def _ignore(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _ignore(self, lane: Lane, change: Job, made: Made) -> None:
         """The question is closed without a change."""
         asset, question = change.asset, self._open_question(change)
         state = made.state
         effect = {"question": question["kind"], "differences": question.get("differences", [])}
-        with self._once(change, effect) as first:
+        with once(self._jobs, change, effect) as first:
             if first:
                 self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
                 self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
@@ -248,11 +200,11 @@ class ChangeWorker:
         self._answered(lane)
         self._show(asset, last)
 
-    def _rename(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _rename(self, lane: Lane, change: Job, made: Made) -> None:
         """The asset has another name."""
         asset, name = change.asset, change.given["name"]
         effect = {"asset": name, "was": self._names.label(asset)}
-        with self._once(change, effect) as first:
+        with once(self._jobs, change, effect) as first:
             if first:
                 self._names.rename(asset, name)
                 self._store.note(asset, [_event(change, effect)])
@@ -260,27 +212,27 @@ class ChangeWorker:
         opened = () if self._alarms is None else self._alarms.open(asset)
         self._show(asset, self._store.last_event_id(asset), label=name, alarms=opened)
 
-    def _retire(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _retire(self, lane: Lane, change: Job, made: Made) -> None:
         """The asset is out of use, or in use again."""
         asset, retired = change.asset, None
         if change.kind == "retired":
             retired = {"since": iso_time(change.received_ns)} | {k: change.given.get(k) for k in ("by", "note")}
-        with self._once(change, {}) as first:
+        with once(self._jobs, change, {}) as first:
             if first:
                 self._store.keep(asset, retired=retired)
                 self._store.note(asset, [_event(change, {})])
         self._show(asset, self._store.last_event_id(asset), retired=retired)
 
-    def _baseline(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _baseline(self, lane: Lane, change: Job, made: Made) -> None:
         """The asset has another healthy baseline of its own, or none."""
         asset, given = change.asset, change.given
         before = self._baselines.path(asset)
         file = given.get("file")
         if file is not None and not self._baselines.exists(file):
             raise InputError("the baseline that was to be used has been deleted meanwhile: learn it again")
-        demand_present(asset, given.get("windows") or (), self._life)  # the machine may have been changed meanwhile
+        demand_present(asset, given.get("windows") or (), self._jobs)  # the machine may have been changed meanwhile
         about = {name: given[name] for name in ("by", "note", "windows", "added") if given.get(name) is not None}
-        with self._once(change, about) as first:
+        with once(self._jobs, change, about) as first:
             if first:
                 if file is None:
                     self._baselines.remove(asset)
@@ -292,7 +244,7 @@ class ChangeWorker:
             self._baselines.delete(before)
         self._show(asset, self._store.last_event_id(asset))
 
-    def _accept_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _accept_rig(self, lane: Lane, change: Job, made: Made) -> None:
         """A person accepts a rig file that came on the stream; whose gears others are is asked as before."""
         asset, rig, digest = change.asset, change.given["rig"], change.given["digest"]
         checked_rig(rig, f"rig of {asset}")
@@ -302,7 +254,7 @@ class ChangeWorker:
             self._ask_about_gears(asset, rig, identity)
         changed = len(differences(stored.rig or {}, rig))
         effect = {"digest": digest, "values": changed, "question": GEARS_DIFFER if identity else None}
-        with self._once(change, effect) as first:
+        with once(self._jobs, change, effect) as first:
             if first and not identity:
                 self._store.keep_rig(asset, rig)
             if first:
@@ -323,10 +275,10 @@ class ChangeWorker:
             found = gears_differ(identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
             self._lanes.ask(asset, {**found, "rig": dict(rig), "settings": False})
 
-    def _reject_rig(self, lane: Lane, change: StoredChange, made: Made) -> None:
+    def _reject_rig(self, lane: Lane, change: Job, made: Made) -> None:
         """A person rejects a rig file that came on the stream: the present one stays."""
         asset, effect = change.asset, {"digest": change.given["digest"]}
-        with self._once(change, effect) as first:
+        with once(self._jobs, change, effect) as first:
             if first:
                 self._store.note(asset, [_event(change, effect)])
         last = self._store.last_event_id(asset)
@@ -334,16 +286,6 @@ class ChangeWorker:
         self._show(asset, last)
 
     # -- within --------------------------------------------------------------------------------------
-
-    @contextmanager
-    def _once(self, change: StoredChange, effect: Mapping[str, Any]) -> Iterator[bool]:
-        """The transaction of a change. False where an earlier attempt, of which that was not known, has committed it.
-
-        What is shown, and what the lanes know, is brought up to date after it in either case: once everything has been
-        read that is needed for that, so that a storage which fails meanwhile leaves nothing half done.
-        """
-        with self._life.transaction():
-            yield self._life.change_done(change.id, effect)
 
     def _answered(self, lane: Lane) -> None:
         """Closes the question; what waited for its answer goes on."""
@@ -357,7 +299,7 @@ class ChangeWorker:
         self._publication.publish(asset)
 
     def _alarms_after(
-        self, asset: str, change: StoredChange, report: Mapping[str, Any]
+        self, asset: str, change: Job, report: Mapping[str, Any]
     ) -> tuple[tuple[Mapping[str, Any], ...], Events]:
         """Open alarms after a change, and their events; limits that were learned before it are learned again."""
         if self._alarms is None:
@@ -374,7 +316,7 @@ class ChangeWorker:
         before = self._board.get(asset)
         return () if before is None else status_events(before, *replace(before, **changes).health())
 
-    def _open_question(self, change: StoredChange) -> Mapping[str, Any]:
+    def _open_question(self, change: Job) -> Mapping[str, Any]:
         question = self._lanes.question(change.asset)
         if question is None or change.kind not in question["answers"]:
             raise InputError(f"{change.kind} answers a question, and none that it answers is open")
@@ -391,6 +333,6 @@ class ChangeWorker:
         return None if snapshot is None else snapshot.latest.get("revolutions")
 
 
-def _event(change: StoredChange, effect: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+def _event(change: Job, effect: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
     given = {name: value for name, value in change.given.items() if name != "rig"}
     return "change", {"id": change.id, "kind": change.kind, **given, "effect": dict(effect)}

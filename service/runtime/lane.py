@@ -33,11 +33,11 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
+class Turn:
     """Something to be done between two windows of an asset.
 
-    ask     what is asked of the twin; None where nothing is. TwinError or InputError refuses the job
-    then    what follows, with what was made of it; TwinError or InputError refuses the job
+    ask     what is asked of the twin; None where nothing is. TwinError or InputError refuses it
+    then    what follows, with what was made of it; TwinError or InputError refuses it
     refuse  what follows where it cannot be done, with the reason
     """
 
@@ -60,7 +60,7 @@ class Lane:
     question: Mapping[str, Any] | None = None  # that is open
     entries: deque[Entry] = field(default_factory=deque)
     held: int = 0
-    jobs: deque[Job] = field(default_factory=deque)
+    jobs: deque[Turn] = field(default_factory=deque)
     current: Entry | None = None  # that is being computed, or committed
     busy: bool = False  # whether something is being computed, or waits for the storage
     turning: bool = False

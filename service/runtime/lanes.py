@@ -1,7 +1,7 @@
 """Closed windows → the twin → committed and published outcomes: an asset at a time in order, assets side by side.
 
     lanes.put(asset, entry)     a window that has closed
-    lanes.do(asset, job)        a decision, an inspection or a change: between two windows of its asset
+    lanes.do(asset, turn)       a decision, an inspection or a change: between two windows of its asset
 
 Each asset has a lane. What is asked of its twin is carried out elsewhere (`Computing`), one call of an asset at a time;
 what it led to is committed and published by the thread that drives the lanes. An asset advances to the state after a
@@ -18,7 +18,7 @@ from typing import Any
 from service.errors import FAULT, InputError, StorageUnavailable, StoreError
 from service.operation.journey import Arrived, nobody
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
-from service.runtime.lane import Entry, Job, Lane
+from service.runtime.lane import Entry, Lane, Turn
 from service.runtime.outcomes import Checkpoint, HeldWindow, ResultSink, WaitingPlace
 from service.runtime.packed_state import StoredState
 from service.runtime.questions import COUNT_FELL, REPEATED, count_fell, frames_repeat, waiting
@@ -82,7 +82,7 @@ class Lanes:
         lane.entries.append(entry)
         self._turn(lane)
 
-    def do(self, asset: str, job: Job) -> None:
+    def do(self, asset: str, job: Turn) -> None:
         """Something to be done before the asset's next window."""
         lane = self.of(asset)
         lane.jobs.append(job)
@@ -244,7 +244,7 @@ class Lanes:
 
     # -- jobs ----------------------------------------------------------------------------------------
 
-    def _start_job(self, lane: Lane, job: Job) -> None:
+    def _start_job(self, lane: Lane, job: Turn) -> None:
         try:
             ask = job.ask(lane)
         except StoreError:
@@ -257,7 +257,7 @@ class Lanes:
         else:
             self._ask(lane, ask, partial(self._end_job, lane, job))
 
-    def _end_job(self, lane: Lane, job: Job, made: Made) -> None:
+    def _end_job(self, lane: Lane, job: Turn, made: Made) -> None:
         refused = made.refused if made.unreadable is None else _unreadable(lane, made.unreadable)
 
         def end() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from service.results.asset_life import AssetLife
+from service.results.jobs import Jobs
 from service.results.store import ResultStore
 from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, gears_differ
@@ -28,13 +28,13 @@ class RigQuestions:
         reception: Reception,
         lanes: Lanes,
         store: ResultStore,
-        life: AssetLife,
+        jobs: Jobs,
         *,
         rigs: Rigs,
         streams: Streams,
         offered: OfferedRigs,
     ) -> None:
-        self._reception, self._lanes, self._store, self._life = reception, lanes, store, life
+        self._reception, self._lanes, self._store, self._jobs = reception, lanes, store, jobs
         self._rigs, self._streams, self._offered = rigs, streams, offered
 
     def start(self) -> None:
@@ -88,6 +88,6 @@ class RigQuestions:
     def _ignored(self, asset: str, differences: list[str]) -> bool:
         """Whether people have said before that the earlier rig file holds."""
         return any(
-            c.kind == "ignore" and c.effect is not None and c.effect.get("differences") == differences
-            for c in self._life.changes(asset)
+            job.outcome is not None and job.outcome.get("differences") == differences
+            for job in self._jobs.of(asset, "ignore")
         )

@@ -84,12 +84,11 @@ def run(
         app = create_app(
             board,
             store,
-            kept.decisions,
+            kept.queue,
             not_ready=worker.not_ready,
             figures=figures,
             signals=begun.signals,
             alarms=alarms,
-            changes=kept.changes,
             baselines=kept.baselines,
             access=access,
             limits=limits_of(settings),

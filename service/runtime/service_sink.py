@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
-from service.results.asset_life import AssetLife
 from service.results.board import TAIL, Board, Snapshot
 from service.results.status_events import status_events
 from service.results.store import ResultStore, StoredWindow
+from service.results.window_jobs import WindowJobs
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
@@ -30,13 +30,13 @@ class ServiceSink:
         store: ResultStore,
         board: Board,
         publication: StatePublication,
-        life: AssetLife,
+        windows: WindowJobs,
         clock: Callable[[], int] = later_time_ns,
         signals: SignalWriter | None = None,
         alarms: AlarmKeeper | None = None,
     ) -> None:
         self._signals, self._alarms = signals, alarms
-        self._life = life
+        self._windows = windows
         self._open: tuple[Mapping[str, Any], ...] = ()  # alarms after the window that was committed last
         self._store, self._board, self._publication, self._clock = store, board, publication, clock
         self._received_ns = self._last_event_id = 0
@@ -46,7 +46,7 @@ class ServiceSink:
         """Keeps a window with everything that a restart needs and the alarms that it raises, in one transaction."""
         self._received_ns = self._clock()
         self._committed = None
-        with self._life.transaction():
+        with self._windows.transaction():
             self._committed = self._store.commit(
                 outcome.asset,
                 outcome.window.start_time_ns,
@@ -64,7 +64,7 @@ class ServiceSink:
             else:
                 self._committed = self._found(outcome)
             if outcome.waited is not None:
-                self._life.drop_waiting(outcome.waited)
+                self._windows.drop_waiting(outcome.waited)
             self._last_event_id = self._store.last_event_id(outcome.asset)
         if self._committed is None:
             self._delete(outcome)
@@ -85,7 +85,7 @@ class ServiceSink:
         """Deletes the file in which a window waited; one that cannot be deleted now is by the next start."""
         if outcome.waited is not None:
             with suppress(OSError):
-                self._life.delete_file(outcome.waited)
+                self._windows.delete_file(outcome.waited)
 
     def _keep_question(self, outcome: WindowOutcome) -> None:
         snapshot = self._board.get(outcome.asset)
@@ -130,6 +130,6 @@ class ServiceSink:
         )
         self._publication.publish(outcome.asset)
         if self._signals is not None:
-            self._signals.offer(outcome, None if outcome.waited is None else self._life.file_of(outcome.waited))
+            self._signals.offer(outcome, None if outcome.waited is None else self._windows.file_of(outcome.waited))
         else:
             self._delete(outcome)

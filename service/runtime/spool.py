@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from service.results.asset_life import AssetLife, WaitingWindow
 from service.results.store import ResultStore
+from service.results.window_jobs import WaitingWindow, WindowJobs
 from service.runtime.lane import Entry, Lane
 from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import ClosedWindow
@@ -54,14 +54,14 @@ class Spool:
 
     def __init__(
         self,
-        life: AssetLife,
+        windows: WindowJobs,
         store: ResultStore,
         reception: Reception,
         lanes: Lanes,
         storage: StorageWatch,
         limits: BacklogLimits,
     ) -> None:
-        self._life, self._store, self._reception, self._lanes = life, store, reception, lanes
+        self._windows, self._store, self._reception, self._lanes = windows, store, reception, lanes
         self._storage, self._limits = storage, limits
         self.settled: Callable[[str], object] = lambda asset: None
         self._pending: dict[str, deque[ClosedWindow]] = {}
@@ -112,24 +112,24 @@ class Spool:
         asset, window = closed.asset, closed.window
         lane = self._lanes.of(asset)
         self._make_room(lane)
-        start_ns, added, size = window.start_time_ns, None, self._life.write(window)
+        start_ns, added, size = window.start_time_ns, None, self._windows.write(window)
         try:
-            with self._life.transaction():
-                waiting = self._life.waiting(asset)
+            with self._windows.transaction():
+                waiting = self._windows.waiting(asset)
                 if waiting and waiting[-1].start_ns == start_ns:  # kept by an earlier attempt that did not know it
                     kept: WaitingWindow | None = waiting[-1]
                 else:
-                    kept = added = self._life.add_waiting(asset, window, waiting, size, lane.assembly)
+                    kept = added = self._windows.add_waiting(asset, window, waiting, size, lane.assembly)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
             if added is not None and not getattr(error, "unknown", False):
-                self._life.delete_file(added.id)  # of no window now
+                self._windows.delete_file(added.id)  # of no window now
             raise
-        self._life.sync()
+        self._windows.sync()
         if kept is None:
             entry = Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
         else:
-            (entry,) = entries_of(self._life, [kept])
+            (entry,) = entries_of(self._windows, [kept])
         closed.journey.kept_ns, entry.journey = later_time_ns(), closed.journey
         self._lanes.put(asset, entry, closed.assembly)
 
@@ -157,9 +157,9 @@ class Spool:
         log.warning("%s: %s", asset, NOT_STORED, extra={"asset": asset})
 
 
-def entries_of(life: AssetLife, waiting: Iterable[WaitingWindow]) -> list[Entry]:
+def entries_of(windows: WindowJobs, waiting: Iterable[WaitingWindow]) -> list[Entry]:
     """Windows that wait on disk as places in an asset's lane."""
-    return [Entry(start_ns=w.start_ns, number=w.id, file=life.file_of(w.id), bytes=w.bytes) for w in waiting]
+    return [Entry(start_ns=w.start_ns, number=w.id, file=windows.file_of(w.id), bytes=w.bytes) for w in waiting]
 
 
 def _refusal(entry: Entry) -> Window:

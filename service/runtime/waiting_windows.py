@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 from service.contract.question import shown_question
-from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.status_events import status_events
 from service.results.store import ResultStore
+from service.results.window_jobs import WindowJobs
 from service.runtime import questions
 from service.runtime.outcomes import HeldWindow
 from service.runtime.state_publication import StatePublication
@@ -26,18 +26,18 @@ class WaitingWindows:
     def __init__(
         self,
         store: ResultStore,
-        life: AssetLife,
+        windows: WindowJobs,
         board: Board,
         publication: StatePublication,
         clock: Callable[[], int] = later_time_ns,
     ) -> None:
-        self._store, self._life, self._board, self._publication = store, life, board, publication
+        self._store, self._windows, self._board, self._publication = store, windows, board, publication
         self._clock = clock
 
     def hold(self, held: HeldWindow) -> Mapping[str, Any]:
         """Keeps that a window waits for the answer, and what the twin remembers of it, in one transaction."""
         question, received_ns = questions.waiting(held.question, held.waiting), self._clock()
-        with self._life.transaction():
+        with self._windows.transaction():
             state = {} if held.state is None else {"state": held.state.to_dict()}
             self._store.keep(held.asset, question=question, received_ns=received_ns, **state)
             before = self._board.get(held.asset)
@@ -51,7 +51,7 @@ class WaitingWindows:
     def ask(self, asset: str, question: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
         """Keeps and shows a question for which no window waits yet, or that it is over."""
         before = self._board.get(asset)
-        with self._life.transaction():
+        with self._windows.transaction():
             self._store.keep(asset, question=question)
             events = () if question is None else (("question", shown_question(question)),)
             changed = status_events(before, *replace(before, question=question).health()) if before else ()

@@ -15,22 +15,21 @@ from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable, SteppedBack, StorageUnavailable
 from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
-from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
-from service.results.change_queue import ChangeQueue
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
 from service.results.names import Names
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
+from service.results.window_jobs import WindowJobs
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.backlog_watch import BacklogWatch
-from service.runtime.changes import ChangeWorker
+from service.runtime.changes import Changes
 from service.runtime.computing_here import ComputingOf, computing_here
-from service.runtime.decisions import DecisionWorker
+from service.runtime.decisions import Decisions
 from service.runtime.first_frames import FirstFrames
-from service.runtime.in_order import InOrder
 from service.runtime.intake import Intake
+from service.runtime.job_worker import JobWorker
 from service.runtime.lanes import LEFT_OUT, Lanes
 from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import NEW, StoredState
@@ -72,19 +71,17 @@ class Kept:
 
     store: ResultStore
     board: Board
-    decisions: DecisionQueue
-    life: AssetLife
+    queue: JobQueue
+    windows: WindowJobs
     names: Names
-    changes: ChangeQueue
     baselines: BaselineStore
     alarms: AlarmKeeper | None = None
     unknown: UnknownAssets = field(default_factory=UnknownAssets)
     known: dict[str, StoredAsset] = field(default_factory=dict)  # all assets as the start has read them, until restored
 
     def close(self) -> None:
-        """Releases everyone who waits for a decision or a change."""
-        self.decisions.close()
-        self.changes.close()
+        """Releases everyone who waits for a job."""
+        self.queue.close()
 
 
 class Ended(Exception):
@@ -276,7 +273,7 @@ class Worker(threading.Thread):
     ) -> tuple[Positions, Streams, Callable[[], None]]:
         """All that frames go through, as the last run left it: positions, streams, and what is done between frames."""
         kept, computing = self._kept, self._computing
-        store, board, life, storage, known = kept.store, kept.board, kept.life, self._storage, kept.known
+        store, board, windows, storage, known = kept.store, kept.board, kept.windows, self._storage, kept.known
 
         def close(closed: ClosedWindow) -> None:
             closed.journey.received_ns = reception.last_arrival_ns(closed.asset) or 0
@@ -292,18 +289,18 @@ class Worker(threading.Thread):
         )
         lanes = self._lanes = Lanes(
             reception,
-            ServiceSink(store, board, publication, life, signals=self._signals, alarms=kept.alarms),
+            ServiceSink(store, board, publication, windows, signals=self._signals, alarms=kept.alarms),
             computing,
             twin_of=AssetTwins(self._twin, kept.baselines).of,
             new_state=lambda: NEW,
-            waiting=WaitingWindows(store, life, board, publication),
+            waiting=WaitingWindows(store, windows, board, publication),
             storage=storage,
             arrived=self._arrived,
             timed=self.timed,
         )
-        lanes.forget = life.forget_waiting
-        spool = self._spool = Spool(life, store, reception, lanes, storage, backlog_limits(self._settings))
-        restore(lanes, store, life, known)
+        lanes.forget = windows.forget_waiting
+        spool = self._spool = Spool(windows, store, reception, lanes, storage, backlog_limits(self._settings))
+        restore(lanes, store, windows, known)
         watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
@@ -324,14 +321,15 @@ class Worker(threading.Thread):
         streams.fed, streams.holds = first_frames.fed, first_frames.holds
 
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
-        decisions = DecisionWorker(kept.decisions, reception, lanes, store, board, publication, kept.alarms)
-        changes = ChangeWorker(
-            kept.changes, reception, lanes, store, life, board, publication,
+        jobs = kept.queue.jobs
+        decisions = Decisions(jobs, reception, store, board, publication, kept.alarms)
+        changes = Changes(
+            jobs, windows, reception, lanes, store, board, publication,
             names=kept.names, streams=streams, intake=intake, spool=spool, alarms=kept.alarms,
             baselines=kept.baselines, proposals=self._rigs.proposals,
         )  # fmt: skip
-        requests = InOrder(decisions, changes)
-        questions = RigQuestions(reception, lanes, store, life, rigs=self._rigs, streams=streams, offered=offered)
+        requests = JobWorker(kept.queue, lanes, {**decisions.kinds, **changes.kinds})
+        questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame
         storage_status = StorageStatus(storage, board, publication)
@@ -379,10 +377,9 @@ class Worker(threading.Thread):
             self._try_again(self._storage, spool, lanes)
         elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
             self._look_at = time.monotonic() + LOOK
-            self._storage.attempt(self._kept.life.probe)
+            self._storage.attempt(self._kept.windows.probe)
         if self._storage.lasts:
-            self._kept.decisions.release()
-            self._kept.changes.release()
+            self._kept.queue.release()
         storage_status()
         while lanes.stopped:
             asset, reason = lanes.stopped.pop()
@@ -395,7 +392,7 @@ class Worker(threading.Thread):
 
     def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
-        if spool.retry() and lanes.retry() and storage.attempt(self._kept.life.probe)[0]:
+        if spool.retry() and lanes.retry() and storage.attempt(self._kept.windows.probe)[0]:
             storage.worked()
 
     def _is_retired(self, asset: str) -> bool:
@@ -435,16 +432,16 @@ def backlog_limits(settings: Settings) -> BacklogLimits:
 
 
 def restore(
-    lanes: Lanes, store: ResultStore, life: AssetLife | None = None, known: dict[str, StoredAsset] | None = None
+    lanes: Lanes, store: ResultStore, windows: WindowJobs | None = None, known: dict[str, StoredAsset] | None = None
 ) -> None:
     """Goes on where the store's assets ended. What their twins remember is read when it is first needed.
 
     known  all assets of the store, where they have been read; it is empty afterwards: the board and the lanes go on
     """
-    next_indices, waiting = store.next_indices(), {} if life is None else life.all_waiting()
+    next_indices, waiting = store.next_indices(), {} if windows is None else windows.all_waiting()
     for stored in [*known.values()] if known else store.all_assets():
         asset = stored.asset
-        entries = [] if life is None else entries_of(life, waiting.get(asset, ()))
+        entries = [] if windows is None else entries_of(windows, waiting.get(asset, ()))
         if stored.assembly is None or stored.quality is None:
             lanes.leave(asset, entries)
             continue

@@ -16,7 +16,7 @@ from service.fleet.databases import Partitions, engine_of, partition_backend
 from service.fleet.fence import Fence
 from service.fleet.front import serve_front
 from service.fleet.front_board import FleetBoard
-from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetLife, FleetNames
+from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetJobs, FleetNames
 from service.fleet.layout import ASSETS, partition_of
 from service.fleet.rows import put, row_of
 from service.json_text import plain
@@ -90,7 +90,7 @@ def front(database, data, **settings):
 def as_a_front_end(monkeypatch, store):
     """An app over the store has what a front end gives it besides."""
     monkeypatch.setattr(api, "AlarmStore", lambda database: FleetAlarms(store))
-    monkeypatch.setattr(api, "AssetLife", lambda database: FleetLife(store))
+    monkeypatch.setattr(api, "Jobs", lambda database: FleetJobs(store))
     monkeypatch.setattr(api, "Names", lambda database: FleetNames(store))
     monkeypatch.setattr(api, "AuditLog", FleetAudit)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from service.contract.trend import figures
 from service.json_text import plain
 from service.results.database import Database
-from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of
+from service.results.store import Event, StoredAsset, StoredWindow, faults_of
 
 
 class MemoryStore:
@@ -26,7 +26,7 @@ class MemoryStore:
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         self.database = Database(Path(folder) / "alarms.sqlite")  # of what has a store of its own: alarms
         self._epochs = {}
-        self._assets, self._windows, self._events, self._inspections, self._decisions = {}, {}, [], [], []
+        self._assets, self._windows, self._events = {}, {}, []
 
     @contextmanager
     def open(self):
@@ -77,60 +77,6 @@ class MemoryStore:
                 known |= {"windows": 0, "updates": 0}
             self._assets[asset] = replace(self.asset(asset), **json.loads(json.dumps(known)))
 
-    def add_inspection(self, asset, inspection, answer):
-        with self._lock:
-            self._assets.setdefault(asset, StoredAsset(asset=asset, label=asset))
-            number = len(self._inspections) + 1
-            kept = StoredInspection(
-                id=number, asset=asset, received_ns=1, inspection=inspection, answer=answer, done=False
-            )
-            self._inspections.append(kept)
-            return number
-
-    def use_inspection(self, inspection, *, answer, state, report, events):
-        with self._lock:
-            if self.inspection(inspection.id).done:
-                return False
-            self._inspections[inspection.id - 1] = replace(inspection, answer=answer, done=True)
-            self._assets[inspection.asset] = replace(self.asset(inspection.asset), state=state, report=report)
-            self.note(inspection.asset, events)
-            return True
-
-    def refuse_inspection(self, inspection, answer):
-        with self._lock:
-            self._inspections[inspection.id - 1] = replace(inspection, answer=answer, done=True)
-
-    def add_decision(self, asset, name, verb, by=None, note=None):
-        with self._lock:
-            number = len(self._decisions) + 1
-            self._decisions.append(
-                StoredDecision(
-                    id=number,
-                    asset=asset,
-                    received_ns=1,
-                    name=name,
-                    verb=verb,
-                    done=False,
-                    refused=None,
-                    by=by,
-                    note=note,
-                )
-            )
-            return number
-
-    def carry_out(self, decision, *, state, report, events):
-        with self._lock:
-            if self.decision(decision.id).done:
-                return False
-            self._decisions[decision.id - 1] = replace(decision, done=True)
-            self._assets[decision.asset] = replace(self.asset(decision.asset), state=state, report=report)
-            self.note(decision.asset, events)
-            return True
-
-    def refuse(self, decision, reason):
-        with self._lock:
-            self._decisions[decision.id - 1] = replace(decision, done=True, refused=reason)
-
     def assets(self):
         return tuple(sorted(self._assets))
 
@@ -179,29 +125,3 @@ class MemoryStore:
 
     def last_event_ids(self):
         return {asset: self.last_event_id(asset) for asset in self._assets}
-
-    def inspections(self, asset, after=0, limit=1000):
-        return tuple(i.to_dict() for i in self._inspections if i.asset == asset and i.id > after)[:limit]
-
-    def inspection(self, number):
-        return self._inspections[number - 1]
-
-    def pending_inspections(self):
-        return tuple(i for i in self._inspections if not i.done)
-
-    def decision(self, number):
-        return self._decisions[number - 1]
-
-    def decisions(self, asset):
-        return tuple(d for d in self._decisions if d.asset == asset)
-
-    def decision_counts(self):
-        counts = {}
-        for decision in self._decisions:
-            if decision.done and decision.refused is None:
-                of = counts.setdefault(decision.asset, {})
-                of[decision.verb] = of.get(decision.verb, 0) + 1
-        return counts
-
-    def pending_decisions(self):
-        return tuple(d for d in self._decisions if not d.done)

@@ -13,12 +13,13 @@ import numpy as np
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.data_folder import BASELINES, WAITING
+from service.results.jobs import DECISION, INSPECTION, Job, Jobs
 from service.results.names import Names
 from service.results.sql_store import SqlStore
+from service.results.window_jobs import WindowJobs
 from twin.windows import Edges, Window
 
 START_NS = 1_700_000_000_000_000_000
@@ -288,12 +289,11 @@ def fill(store: SqlStore, data: Path) -> None:
     """Something in every table but the audit's, with the files in `data` that the rows name."""
     campaign(store, None)
     campaign(store, None, "other", windows=3)
-    store.add_decision("unsw", "misalignment", "pin", "Anna")
-    store.add_inspection("unsw", {"revolutions": 10.0}, {})
-    life = AssetLife(store.database, data / WAITING)
-    life.add_change("unsw", "retired", {"by": "Anna"})
+    decide(store, "unsw", "misalignment", "pin", "Anna")
+    inspect(store, "unsw", {"revolutions": 10.0}, {})
+    jobs_of(store).add("unsw", "retired", {"by": "Anna"})
     Names(store.database).rename("other", "spindle")
-    assert life.add_waiting("other", WINDOW)
+    assert WindowJobs(store.database, data / WAITING).add_waiting("other", WINDOW)
     baselines = BaselineStore(store.database, data / BASELINES)
     path = baselines.new_path()
     path.write_bytes(b"a baseline")
@@ -307,13 +307,37 @@ def fill(store: SqlStore, data: Path) -> None:
     assert keeper.open("unsw")
 
 
-def life_of(store, asset: str) -> AssetLife:
-    """The life of the assets of a store; of a front end's, that of the asset's partition."""
-    return AssetLife(_own(store, asset).database)
+def jobs_of(store, asset: str = "unsw") -> Jobs:
+    """People's jobs in a store; in a front end's, those of the asset's partition."""
+    return Jobs(_own(store, asset).database)
+
+
+def decide(store, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
+    """Submits a decision; its id."""
+    return jobs_of(store, asset).add(asset, DECISION, {"name": name, "verb": verb, "by": by, "note": note})
+
+
+def inspect(store, asset: str, inspection: dict, answer: dict) -> int:
+    """Submits a measured depth; its id."""
+    return jobs_of(store, asset).add(asset, INSPECTION, {"inspection": inspection, "answer": answer})
+
+
+def decisions(store, asset: str) -> tuple[Job, ...]:
+    return jobs_of(store, asset).of(asset, DECISION)
+
+
+def carry_out(store, job: Job, outcome: dict | None = None, events=(), **parts) -> bool:
+    """Carries a job out, as the service does: once, with all that it changes."""
+    with store.database.transaction():
+        first = jobs_of(store, job.asset).end(job.id, outcome)
+        if first:
+            store.keep(job.asset, **parts)
+            store.note(job.asset, events)
+        return first
 
 
 def names_of(store, asset: str) -> Names:
-    """The names of the assets of a store, as `life_of`."""
+    """The names of the assets of a store, as `jobs_of`."""
     return Names(_own(store, asset).database)
 
 
@@ -323,11 +347,11 @@ def _own(store, asset):
 
 def rename(store, board, asset: str, name: str) -> None:
     """Another name of an asset, as the service keeps and shows it."""
-    life, names = life_of(store, asset), names_of(store, asset)
+    jobs, names = jobs_of(store, asset), names_of(store, asset)
     effect = {"asset": name, "was": names.label(asset)}
-    with life.transaction():
-        number = life.add_change(asset, "renamed", {"name": name})
-        life.change_done(number, effect)
+    with jobs.transaction():
+        number = jobs.add(asset, "renamed", {"name": name})
+        jobs.end(number, effect)
         names.rename(asset, name)
         store.note(asset, [("change", {"id": number, "kind": "renamed", "name": name, "effect": effect})])
     board.update(asset, label=name, last_event_id=store.last_event_id(asset))

@@ -120,7 +120,7 @@ def test_without_credentials_this_computer_may_do_everything_and_nobody_else_any
             assert "no credentials" in answer.json()["detail"]
         assert ask(app, "GET", "/healthz", client).status_code == 200
         assert "stale" not in ask(app, "GET", "/readyz", client).json()
-    assert len(store.inspections("unsw")) == 1
+    assert len(fakes.jobs_of(store).of("unsw", "inspection")) == 1
 
 
 def test_anonymous_reading_lets_everybody_read_and_nobody_write(store, board, keys):
@@ -302,7 +302,7 @@ def test_page_of_another_site_cannot_write(app, store, headers):
     for method, path in (("POST", WRITE), ("PUT", "/v1/assets/unsw/alarm-rules"), ("POST", "/v1/session")):
         answer = ask(app, method, path, headers=headers, json=INSPECTION)
         assert answer.status_code == 403 and "own page" in answer.json()["detail"]
-    assert store.inspections("unsw") == ()
+    assert fakes.jobs_of(store).of("unsw", "inspection") == ()
     for own in ({"Origin": "http://twin"}, {"Referer": "http://twin/assets/unsw"}, {}):
         assert ask(app, "POST", WRITE, headers=own, json=INSPECTION).status_code == 201
 

@@ -24,10 +24,10 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.board import Board
 from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
+from service.results.window_jobs import WindowJobs
 from service.runtime import webhooks
 from service.runtime.replay import replay
 from service.runtime.service_sink import ServiceSink
@@ -56,7 +56,7 @@ class Bench:
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
         self.sink = ServiceSink(
-            self.store, self.board, self.publication, AssetLife(self.store.database), alarms=self.keeper
+            self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper
         )
         self.client = Client(create_app(self.board, self.store, alarms=self.keeper))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0

@@ -14,7 +14,8 @@ import service_fakes as fakes
 
 from service.access.access import Access
 from service.api import assets, create_app
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
+from service.results.jobs import Jobs
 
 PARTS = ("wear", "rul", "residual", "effects")
 
@@ -72,7 +73,7 @@ def client(store, board):
 
 
 def test_every_app_has_the_same_description(client, store, board):
-    assert create_app(board, store, DecisionQueue(store), access=Access()).openapi() == client.schema
+    assert create_app(board, store, JobQueue(Jobs(store.database)), access=Access()).openapi() == client.schema
 
 
 def test_each_route_of_an_app_is_the_one_that_its_module_made(store, board):
@@ -175,7 +176,7 @@ def test_inspection_of_an_asset_without_a_committed_window_is_kept(store, board)
     given = {"revolutions": 150, "max_depth_um": 3.0, "flank": "combined", "std_um": 1.0}
     answer = client.call("POST", "/v1/assets/fresh/inspections", json=given)
     assert answer.status_code == 201 and answer.json()["twin"]["status"] == "not available"
-    assert len(store.inspections("fresh")) == 1
+    assert len(fakes.jobs_of(store).of("fresh", "inspection")) == 1
 
 
 def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store, monkeypatch):
@@ -202,7 +203,7 @@ def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store,
 @pytest.mark.slow
 def test_decisions_that_wait_hold_no_thread(store, board):
     fakes.campaign(store, board)
-    app = create_app(board, store, DecisionQueue(store))
+    app = create_app(board, store, JobQueue(Jobs(store.database)))
     app.state.decision_wait = 6.0
 
     async def crowd():
@@ -237,7 +238,7 @@ def test_inspection_that_cannot_be_is_a_422_that_names_the_value(client, store, 
     answer = client.call("POST", "/v1/assets/unsw/inspections", json=given)
     assert answer.status_code == 422
     assert any(at in e["at"] for e in answer.json()["errors"])
-    assert store.inspections("unsw") == ()
+    assert fakes.jobs_of(store).of("unsw", "inspection") == ()
 
 
 @pytest.mark.parametrize("body", [b"{", b"\xff\xfe", b"[]", b'{"revolutions": NaN}'])
@@ -304,9 +305,9 @@ def test_metrics_tell_frames_windows_faults_depth_and_life(client):
 def test_metrics_count_effects_in_the_twin_and_decisions_that_were_carried_out(client, store, board):
     fakes.take(store, board, "unsw", 90, 19000.0, report=fakes.traced_report(19000.0, 12))
     for verb in ("pin", "reject"):
-        store.add_decision("unsw", "misalignment", verb)
-    done, _ = store.pending_decisions()
-    store.carry_out(done, state={}, report=board.get("unsw").report, events=[])
+        fakes.decide(store, "unsw", "misalignment", verb)
+    done, _ = fakes.jobs_of(store).pending()
+    fakes.carry_out(store, done, state={}, report=board.get("unsw").report, events=[])
     text = client.get("/metrics").text
     assert 'gear_twin_effects{asset="unsw"} 2.0' in text and 'gear_twin_effects{asset="spectraquest"} 0.0' in text
     assert 'gear_twin_decisions_total{asset="unsw",decision="pin"} 1.0' in text

@@ -20,10 +20,10 @@ from service.cli import run
 from service.errors import InputError
 from service.files.baseline import learned, read_baseline, save
 from service.results import baseline_learning
-from service.results.asset_life import AssetLife
 from service.results.baseline_learning import learn_from_windows
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
+from service.results.jobs import Jobs
 from service.results.schema import ASSETS
 from service.results.signal_store import SignalStore
 from service.runtime.asset_twins import AssetTwins
@@ -140,9 +140,9 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     data = with_windows(tmp_path / "data")
     signals = SignalStore(Service(data).folder / SIGNALS, 10**9)
     with Service(data).store() as store:
-        life = AssetLife(tables_of(store))
-        made = life.add_change("bench", "sensor_moved", {"sensor": "a"})
-        life.change_done(made, {"from_window": 2})
+        life = Jobs(tables_of(store))
+        made = life.add("bench", "sensor_moved", {"sensor": "a"})
+        life.end(made, {"from_window": 2})
         with pytest.raises(InputError, match=r"window 1 was measured before the change 'sensor_moved'.*from 2 on"):
             learn_from_windows("bench", [1, 2, 3], store, signals, life)
         assert len(learn_from_windows("bench", [2, 3, 4], store, signals, life).readings) == 3
@@ -153,7 +153,7 @@ def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
     signals, file = SignalStore(Service(data).folder / SIGNALS, 10**9), tmp_path / "first.baseline"
     with Service(data).store() as store:
-        life = AssetLife(tables_of(store))
+        life = Jobs(tables_of(store))
         first = learn_from_windows("bench", [0, 1, 2], store, signals, life)
         save(first, file)
         again = learn_from_windows("bench", [2, 3], store, signals, life, file)
@@ -169,7 +169,7 @@ def test_a_baseline_that_waits_to_be_used_outlives_a_restart(tmp_path, each_stor
     waits, unused = baselines.new_path(), baselines.new_path()
     for path in (waits, unused):
         path.write_bytes(b"learned")
-    AssetLife(store.database).add_change("bench", "baseline_given", {"file": waits.name})
+    Jobs(store.database).add("bench", "baseline_given", {"file": waits.name})
     BaselineStore(store.database, tmp_path / "baselines")
     assert waits.exists() and not unused.exists()
 

@@ -6,6 +6,7 @@ import json
 import signal
 
 import pytest
+import service_fakes as fakes
 from memory_store import MemoryStore
 from memory_transport import MemoryNetwork
 from service_streams import RIG, Service, SqliteFile, tables_of, wait_until, write_recording
@@ -17,8 +18,8 @@ from service.alarms.rules import Rule
 from service.cli import run
 from service.errors import DeliveryError, InputError
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.data_folder import WAITING
+from service.results.jobs import Jobs
 from service.runtime.replay import replay
 
 WINDOWS = 4
@@ -255,7 +256,7 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
         replay(second, [running.endpoint], 0)  # what was committed before the kill is known, what was not comes again
         wait_until(lambda: waiting(running) == WINDOWS)
         with running.store() as store:
-            AssetLife(tables_of(store)).add_change("unsw", "gears_replaced", {"by": "me"})
+            Jobs(tables_of(store)).add("unsw", "gears_replaced", {"by": "me"})
         running.end(signal.SIGKILL)  # before the change was carried out
         running.start()
         wait_until(lambda: running.get(f"{UNSW}/windows?epoch=1"))
@@ -341,11 +342,11 @@ def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_recei
         running.wait_for_windows(WINDOWS)
     measured = {"revolutions": 10.0, "max_depth_um": 2.0, "flank": "combined", "std_um": 1.0}
     with running.store() as store:
-        life = AssetLife(tables_of(store))
-        store.add_decision("unsw", "misalignment", "pin")
-        life.add_change("unsw", "gears_replaced", {})
-        life.add_change("unsw", "renamed", {"name": "press-7"})
-        store.add_inspection("unsw", measured, {"applied": False})
+        life = Jobs(tables_of(store))
+        fakes.decide(store, "unsw", "misalignment", "pin")
+        life.add("unsw", "gears_replaced", {})
+        life.add("unsw", "renamed", {"name": "press-7"})
+        fakes.inspect(store, "unsw", measured, {"applied": False})
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         wait_until(lambda: [i["applied"] for i in running.get("/v1/assets/press-7/inspections") or ()] == [True])
         assert running.get("/v1/assets/press-7/wear")["max_depth_um"]["combined"]["median"] == 2.0

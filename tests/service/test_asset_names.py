@@ -24,8 +24,8 @@ from test_asset_life import (
 from test_other_parts import serving
 
 from service.errors import InputError, StorageUnavailable
-from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.sql_store import SqlStore
 from service.stream.sources.mcap import Recording
@@ -94,7 +94,7 @@ class Fails:
 @pytest.fixture
 def after_the_commit(monkeypatch):
     """The first reading outside a transaction, after a change has been carried out, fails."""
-    fails, done, last = Fails(), AssetLife.change_done, SqlStore.last_event_id
+    fails, done, last = Fails(), Jobs.end, SqlStore.last_event_id
 
     def change_done(life, number, effect):
         fails.armed = not fails.failed
@@ -212,15 +212,15 @@ def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, 
         send(network, first)
         running.wait_for_windows(WINDOWS)
     with running.store() as store:
-        life = AssetLife(tables_of(store))
-        life.add_change("unsw", "renamed", {"name": "press-7"})
-        numbers = [life.add_change("unsw", kind, {"by": "me"}) for kind in ("retired", "oil_changed")]
+        life = Jobs(tables_of(store))
+        life.add("unsw", "renamed", {"name": "press-7"})
+        numbers = [life.add("unsw", kind, {"by": "me"}) for kind in ("retired", "oil_changed")]
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         wait_until(lambda: listed(running) == [("press-7", WINDOWS, True)])
         wait_until(lambda: [c["done"] for c in running.get("/v1/assets/press-7/changes")] == [True] * 3)
         assert running.get(UNSW) is None
     with running.store() as store:
-        life = AssetLife(tables_of(store))
+        life = Jobs(tables_of(store))
         assert [life.change(n).asset for n in numbers] == ["unsw"] * 2 and store.assets() == ("unsw",)
 
 

@@ -79,7 +79,7 @@ def test_nobody_signs_with_the_name_of_another(app, keys, store):
     ask(app, "POST", f"{BASE}/effects/misalignment", key, json={"decision": "pin", "by": "Bob"})
     ask(app, "POST", f"{BASE}/changes", key, json={"kind": "oil_changed", "by": "Bob"})
     ask(app, "PUT", f"{BASE}/alarm-rules", key, json={"rules": [], "by": "Bob"})
-    assert [d.by for d in store.decisions("unsw")] == ["ann"]
+    assert [d.by for d in fakes.decisions(store, "unsw")] == ["ann"]
     assert app.state.changes.life.changes("unsw")[-1].given["by"] == "ann"
     assert ask(app, "GET", f"{BASE}/alarm-rules", key).json()["by"] == "ann"
 
@@ -88,7 +88,7 @@ def test_without_a_credential_the_given_name_signs(store, board):
     fakes.campaign(store, board)
     app = create_app(board, store)
     ask(app, "POST", f"{BASE}/effects/misalignment", client="127.0.0.1", json={"decision": "pin", "by": "Bob"})
-    assert [d.by for d in store.decisions("unsw")] == ["Bob"]
+    assert [d.by for d in fakes.decisions(store, "unsw")] == ["Bob"]
     (entry,) = ask(app, "GET", "/v1/audit", client="127.0.0.1").json()
     assert (entry["kind"], entry["name"], entry["address"]) == ("local", None, "127.0.0.1")
 
@@ -97,8 +97,8 @@ def test_outcome_of_a_queued_change_is_that_of_the_change(app, keys, store, boar
     key = keys.add("ann", Role.administer)
     ask(app, "POST", f"{BASE}/effects/misalignment", key, json={"decision": "pin"})
     ask(app, "POST", f"{BASE}/effects/misalignment", key, json={"decision": "reject"})
-    first, second = store.pending_decisions()
-    store.carry_out(first, state={}, report=board.get("unsw").report, events=[])
+    first, second = fakes.jobs_of(store).pending()
+    fakes.carry_out(store, first, state={}, report=board.get("unsw").report, events=[])
     store.refuse(second, "there is no such effect in the twin")
     assert [e["outcome"] for e in entries(app, key)[1:]] == ["done", "refused: there is no such effect in the twin"]
 
@@ -113,7 +113,7 @@ def test_change_and_entry_are_there_together_or_not_at_all(app, keys, store, mon
     app.state.audit.keys_seen = keys.version
     for path, body in ((f"{BASE}/inspections", INSPECTION), (f"{BASE}/effects/misalignment", {"decision": "pin"})):
         assert ask(app, "POST", path, key, json=body).status_code == 500
-    assert store.inspections("unsw") == () and store.decisions("unsw") == ()
+    assert fakes.jobs_of(store).of("unsw", "inspection") == () and fakes.decisions(store, "unsw") == ()
 
 
 def test_refused_attempts_are_entered_a_few_a_minute(app, keys):

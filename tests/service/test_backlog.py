@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from service.errors import StorageUnavailable
-from service.results import asset_life
-from service.results.asset_life import AssetLife
+from service.results import window_jobs
 from service.results.store import StoredWindow
 from service.results.window_file import read_window, write_window
+from service.results.window_jobs import WindowJobs
 from service.runtime.computing import carry_out
 from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import ClosedWindow
@@ -73,7 +73,7 @@ class Committing:
 def parts(store, tmp_path):
     def make(**limits):
         clock = [0.0]
-        life = AssetLife(store.database, tmp_path / "waiting")
+        life = WindowJobs(store.database, tmp_path / "waiting")
         storage = StorageWatch("data", clock=lambda: clock[0])
         reception = Reception(lambda asset: Rig.from_mapping({}), lambda closed: spool.add(closed))
         sink, computing = Committing(store, life), Later()
@@ -212,14 +212,14 @@ def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_
 @pytest.mark.parametrize("slow", ["write_window", "sync_folder"])
 def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts, monkeypatch, slow):
     """A disk that took 6 s held up decisions, as the window's transaction was open meanwhile."""
-    p, begun, go_on, real = parts(), threading.Event(), threading.Event(), getattr(asset_life, slow)
+    p, begun, go_on, real = parts(), threading.Event(), threading.Event(), getattr(window_jobs, slow)
 
     def waits(*given):
         begun.set()
         assert go_on.wait(20)
         return real(*given)
 
-    monkeypatch.setattr(asset_life, slow, waits)
+    monkeypatch.setattr(window_jobs, slow, waits)
     adding = threading.Thread(target=p.add, args=("a", 0))
     adding.start()
     assert begun.wait(20)
@@ -241,11 +241,11 @@ def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_too
         written.append(path)
         return write_window(path, window)
 
-    monkeypatch.setattr("service.results.asset_life.write_window", noted)
-    life = AssetLife(store.database, tmp_path / "waiting")
+    monkeypatch.setattr("service.results.window_jobs.write_window", noted)
+    life = WindowJobs(store.database, tmp_path / "waiting")
     for number in range(2):
         process = SimpleNamespace(getpid=lambda pid=number: pid)
-        monkeypatch.setattr("service.results.asset_life.os", process)
+        monkeypatch.setattr("service.results.window_jobs.os", process)
         with life.transaction():
             assert life.add_waiting("a", closed("a", number).window)
     assert len(set(written)) == 2 and {p.suffix for p in (tmp_path / "waiting").iterdir()} == {".npz"}

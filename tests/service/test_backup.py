@@ -19,12 +19,13 @@ from service.cli import run
 from service.errors import InputError, StoreError
 from service.results.alarm_store import AlarmStore
 from service.results.archive import backup, restore
-from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, DATABASE, SIGNALS, WAITING, only_service_of
+from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.sql_store import SqlStore
 from service.results.window_file import read_window
+from service.results.window_jobs import WindowJobs
 
 ROOT = Path(__file__).parents[2]
 
@@ -41,13 +42,15 @@ def answers(data, where):
     """All that is answered of a data directory."""
     found = {}
     with SqlStore(where) as store:
-        life = AssetLife(store.database, data / WAITING)
+        life = WindowJobs(store.database, data / WAITING)
         for asset in store.assets():
             stored = store.asset(asset)
             found[asset] = [getattr(stored, part.name) for part in fields(stored)]
             found[asset, "windows"] = store.windows(asset)
             found[asset, "events"] = store.events(asset, 0, 10_000)
-            found[asset, "rest"] = store.decisions(asset), store.inspections(asset), life.changes(asset)
+            found[asset, "rest"] = [
+                Jobs(store.database).of(asset, kind) for kind in ("decision", "inspection", "retired")
+            ]
             found[asset, "waiting"] = [read_window(life.file_of(w.id)).start_time_ns for w in life.waiting(asset)]
             own = BaselineStore(store.database, data / BASELINES).path(asset)
             found[asset, "baseline"] = own and own.read_bytes()
@@ -84,7 +87,7 @@ def test_backup_brings_everything_back_also_into_the_other_kind_of_database(kind
         last = max(e.id for e in store.events("unsw", 0, 10_000))
         store.note("unsw", [("status", {})])
         assert store.last_event_id("unsw") > last
-        assert store.add_decision("unsw", "x", "pin") > store.decisions("unsw")[0].id
+        assert fakes.decide(store, "unsw", "x", "pin") > fakes.decisions(store, "unsw")[0].id
 
 
 @pytest.mark.slow
@@ -95,7 +98,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
 
     def work():
         with SqlStore(where) as store:
-            life = AssetLife(store.database, data / WAITING)
+            life = WindowJobs(store.database, data / WAITING)
             index = 14
             while not stop.is_set():
                 life.add_waiting("unsw", replace(fakes.WINDOW, start_time_ns=index))
@@ -118,7 +121,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
         new = tmp_path / f"new-{number}"
         restore(tmp_path / f"{number}.zip", new, new / DATABASE)
         with SqlStore(new / DATABASE) as store:
-            life = AssetLife(store.database, new / WAITING)
+            life = WindowJobs(store.database, new / WAITING)
             indices = [w.record["index"] for w in store.windows("unsw")]
             assert indices == list(range(len(indices))) and store.asset("unsw").windows == len(indices)
             told = [e.data["index"] for e in store.events("unsw", 0, 10_000) if e.kind == "window"]

@@ -13,8 +13,8 @@ import service_fakes as fakes
 from service.errors import DamageError, StorageUnavailable, StoreError
 from service.results import json_columns
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.jobs import Jobs
 from service.results.json_columns import dump, load
 from service.results.names import Names
 from service.results.sql_store import SqlStore
@@ -141,7 +141,7 @@ def whole(path):
     found = {}
     with SqlStore(path) as store:
         Board.from_store(store)
-        life = AssetLife(store.database)
+        jobs = Jobs(store.database)
         for asset in store.assets():
             stored = store.asset(asset)
             for part in fields(stored):
@@ -152,11 +152,10 @@ def whole(path):
                 for window in store.windows(asset, epoch=epoch["epoch"]):
                     found["window", asset, window.start_ns] = window
             for kind, rows in (
-                ("event", store.events(asset, 0, 10_000)), ("decision", store.decisions(asset)),
-                ("change", life.changes(asset)),
+                ("event", store.events(asset, 0, 10_000)), ("decision", jobs.of(asset, "decision")),
+                ("change", jobs.changes(asset)), ("inspection", jobs.of(asset, "inspection")),
             ):  # fmt: skip
                 found |= {(kind, row.id): row for row in rows}
-            found |= {("inspection", i["inspection"]["id"]): i for i in store.inspections(asset)}
         found |= {("alarm", alarm["id"]): alarm for alarm in AlarmStore(store.database).listed(closed=True)}
         found["routes",] = Names(store.database).routes()
     return found

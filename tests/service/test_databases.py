@@ -12,7 +12,6 @@ from sqlalchemy.exc import DBAPIError
 
 from service.errors import StorageUnavailable
 from service.results import backends, commit_marks
-from service.results.asset_life import AssetLife
 from service.results.backends import Postgresql
 from service.results.commit_marks import Mark
 from service.results.schema import COMMITS
@@ -22,25 +21,27 @@ from service.results.window_file import read_window
 
 def test_inspection_is_used_once(each_store):
     fakes.campaign(each_store, None)
-    number = each_store.add_inspection("unsw", {"revolutions": 10.0}, {"twin": {}})
-    (waiting,) = each_store.pending_inspections()
+    number = each_fakes.inspect(store, "unsw", {"revolutions": 10.0}, {"twin": {}})
+    (waiting,) = each_fakes.jobs_of(store).pending()
     given = {"answer": {"twin": 1}, "state": {"n": 2}, "report": {}, "events": [("inspection", {"id": number})]}
     assert each_store.use_inspection(waiting, **given)
     assert not each_store.use_inspection(waiting, **given)
-    assert each_store.inspection(number).done and each_store.inspection(number).answer == {"twin": 1}
-    assert each_store.asset("unsw").state == {"n": 2} and each_store.pending_inspections() == ()
+    assert each_fakes.jobs_of(store).job(number).done and each_fakes.jobs_of(store).job(number).answer == {"twin": 1}
+    assert each_store.asset("unsw").state == {"n": 2} and each_fakes.jobs_of(store).pending() == ()
     assert [i["twin"] for i in each_store.inspections("unsw")] == [1]
     assert each_store.inspections("unsw", after=number) == ()
 
 
 def test_decisions_are_counted_by_what_became_of_them(each_store):
     fakes.take(each_store, None, "unsw", 0, 100.0)
-    first = each_store.add_decision("unsw", "misalignment", "pin", "Anna", "measured")
-    second = each_store.add_decision("unsw", "tooth_crack", "reject")
-    assert each_store.carry_out(each_store.decision(first), state={"n": 2}, report={"wear": {}}, events=[])
-    each_store.refuse(each_store.decision(second), "there is no such effect")
-    assert each_store.decision_counts() == {"unsw": {"pin": 1}} and each_store.pending_decisions() == ()
-    assert [(d.by, d.refused) for d in each_store.decisions("unsw")] == [
+    first = each_fakes.decide(store, "unsw", "misalignment", "pin", "Anna", "measured")
+    second = each_fakes.decide(store, "unsw", "tooth_crack", "reject")
+    assert each_fakes.carry_out(
+        store, each_fakes.jobs_of(store).job(first), state={"n": 2}, report={"wear": {}}, events=[]
+    )
+    each_store.refuse(each_fakes.jobs_of(store).job(second), "there is no such effect")
+    assert each_store.decision_counts() == {"unsw": {"pin": 1}} and each_fakes.jobs_of(store).pending() == ()
+    assert [(d.by, d.refused) for d in each_fakes.decisions(store, "unsw")] == [
         ("Anna", None), (None, "there is no such effect"),
     ]  # fmt: skip
 
@@ -49,8 +50,8 @@ def test_windows_that_wait_are_given_to_another_asset(each_store, tmp_path):
     life = AssetLife(each_store.database, tmp_path / "waiting")
     each_store.note("unsw", [])
     assert life.add_waiting("unsw", fakes.WINDOW)
-    number = life.add_change("unsw", "other_machine", {"name": "other"})
-    assert life.change_done(number, {"asset": "other"}) and not life.change_done(number, {})
+    number = life.add("unsw", "other_machine", {"name": "other"})
+    assert life.end(number, {"asset": "other"}) and not life.end(number, {})
     life.give_waiting("unsw", "other")
     (waiting,) = life.waiting("other")
     assert life.waiting("unsw") == () and read_window(life.file_of(waiting.id)).start_time_ns == waiting.start_ns
@@ -86,8 +87,8 @@ def test_totals_of_faults_add_up(each_store):
 def test_server_that_was_set_up_without_a_locale_keeps_names_as_they_are(postgresql_server):
     with postgresql_server.new_database("SQL_ASCII") as url, SqlStore(url) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
-        store.add_decision("unsw", "misalignment", "pin", "Zoë Łącka", "measured: 3 µm")
-        (decision,) = store.decisions("unsw")
+        fakes.decide(store, "unsw", "misalignment", "pin", "Zoë Łącka", "measured: 3 µm")
+        (decision,) = fakes.decisions(store, "unsw")
         assert (decision.by, decision.note) == ("Zoë Łącka", "measured: 3 µm")
 
 

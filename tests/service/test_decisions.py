@@ -20,7 +20,8 @@ from service_streams import Service, service, wait_until, write_recording
 import gear_twin
 from service.cli import run
 from service.contract.estimate import Estimate
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
+from service.results.jobs import Jobs
 from service.runtime.computing import Ask, Call, carry_out
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
@@ -105,14 +106,14 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
         with running.store() as store:
-            number = DecisionQueue(store).submit("unsw", "misalignment", "pin")
+            number = JobQueue(Jobs(store.database)).submit("unsw", "misalignment", "pin")
         for _ in range(2):
             running.start()
             wait_until(lambda: counted(running) > 0.5)
             assert counted(running) == pytest.approx(1)
             running.end(signal.SIGKILL)
         with running.store() as store:
-            assert store.decision(number).done and not store.pending_decisions()
+            assert fakes.jobs_of(store).job(number).done and not fakes.jobs_of(store).pending()
     finally:
         running.end(signal.SIGKILL)
 
@@ -185,7 +186,7 @@ def test_decision_keeps_name_and_note_from_rest_to_store_list_and_event(address,
     status, answer = post(SimpleNamespace(http=address.removeprefix("http://")), f"{UNSW}/effects/misalignment", body)
     assert (status, answer["by"], answer["note"]) == (202, "Anna", "the shaft was measured")
     post(SimpleNamespace(http=address.removeprefix("http://")), f"{UNSW}/effects/misalignment", {"decision": "pin"})
-    signed, plain = store.decisions("unsw")
+    signed, plain = fakes.decisions(store, "unsw")
     assert (signed.by, signed.note, plain.by, plain.note) == ("Anna", "the shaft was measured", None, None)
     with gear_twin.Client(address) as client:
         assert [(d.decision, d.by) for d in client.decisions("unsw")] == [("reject", "Anna"), ("pin", None)]
@@ -207,14 +208,16 @@ def test_command_signs_a_decision_and_lists_them(address, store, board, capsys):
 def test_decision_and_what_it_changes_are_one_transaction(each_store):
     store = each_store
     fakes.campaign(store, None)
-    number = store.add_decision("unsw", "misalignment", "pin")
-    waiting = store.decision(number)
+    number = fakes.decide(store, "unsw", "misalignment", "pin")
+    waiting = fakes.jobs_of(store).job(number)
     before = store.asset("unsw").state
     with pytest.raises(ValueError):
-        store.carry_out(waiting, state={"x": 1}, report={"y": 2}, events=[("effect", {"bad": float("nan")}), ("e",)])
-    assert store.asset("unsw").state == before and not store.decision(number).done
-    assert store.carry_out(waiting, state={"x": 1}, report={"y": 2}, events=[("effect", {"a": 1})])
-    assert not store.carry_out(waiting, state={"x": 3}, report={"y": 4}, events=[("effect", {"a": 2})])
+        fakes.carry_out(
+            store, waiting, state={"x": 1}, report={"y": 2}, events=[("effect", {"bad": float("nan")}), ("e",)]
+        )
+    assert store.asset("unsw").state == before and not fakes.jobs_of(store).job(number).done
+    assert fakes.carry_out(store, waiting, state={"x": 1}, report={"y": 2}, events=[("effect", {"a": 1})])
+    assert not fakes.carry_out(store, waiting, state={"x": 3}, report={"y": 4}, events=[("effect", {"a": 2})])
     assert store.asset("unsw").state == {"x": 1}
 
 

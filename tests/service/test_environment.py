@@ -21,6 +21,7 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
+import service_fakes as fakes
 import sqlalchemy
 from fake_twin import TWIN
 from memory_transport import MemoryNetwork
@@ -35,7 +36,6 @@ from service.errors import InputError, StoreError
 from service.json_text import plain
 from service.operation.journey import Journey
 from service.results import backends, database, migrate
-from service.results.asset_life import AssetLife
 from service.results.data_folder import only_service_of
 from service.runtime.assess import assess
 from service.runtime.in_order import InOrder, Pending
@@ -303,9 +303,9 @@ def test_a_window_that_waits_has_waited_as_long_when_the_clock_is_set_back(stepp
 def test_what_was_asked_before_the_clock_was_set_back_is_carried_out_before_what_is_asked_after(store, stepped):
     store.keep("unsw")
     life, order = AssetLife(store.database), []
-    store.add_decision("unsw", "misalignment", "pin")
+    fakes.decide(store, "unsw", "misalignment", "pin")
     stepped()
-    life.add_change("unsw", "oil_changed", {})
+    life.add("unsw", "oil_changed", {})
 
     def asking(what, waiting):
         """A worker with one queue."""
@@ -314,7 +314,7 @@ def test_what_was_asked_before_the_clock_was_set_back_is_carried_out_before_what
         queue = [Pending(each.received_ns, lambda: order.append(what)) for each in waiting]
         return SimpleNamespace(asked=asked, pending=lambda: [queue])
 
-    InOrder(asking("change", life.pending_changes()), asking("decision", store.pending_decisions()))()
+    InOrder(asking("change", life.pending_changes()), asking("decision", fakes.jobs_of(store).pending()))()
     assert order == ["decision", "change"]
 
 

@@ -139,7 +139,7 @@ def test_partitions_share_no_row_and_no_number(fleet):
         for store, asset in ((first, "a"), (third, "b")):
             fakes.take(store, None, asset, 0, 100.0)
         both = 3 * [(first, "a"), (third, "b")]
-        numbers = [store.add_decision(asset, "misalignment", "accept") for store, asset in both]
+        numbers = [fakes.decide(store, asset, "misalignment", "accept") for store, asset in both]
         assert len(set(numbers)) == 6
         assert [Layout(3).partition_of_number(n) for n in numbers] == 3 * [0, 2]
         assert first.assets() == ("a",) and third.assets() == ("b",)
@@ -156,7 +156,7 @@ def test_front_ends_read_and_add_to_the_tables_of_any_partition(fleet):
         with SqlStore(shared.backend(1)) as front:
             assert len(front.windows("a")) == 1
             number = front.add_decision("a", "misalignment", "accept")
-        assert [d.id for d in store.pending_decisions()] == [number]
+        assert [d.id for d in fakes.jobs_of(store).pending()] == [number]
         shared.close()
 
 

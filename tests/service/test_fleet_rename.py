@@ -25,11 +25,10 @@ from service.fleet.lookup import partition_in_use
 from service.fleet.naming import PartitionStreams
 from service.fleet.notices import ALARM, announce, channel_of
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
-from service.results.change_queue import ChangeQueue
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
+from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.begun import unknown_of
@@ -153,7 +152,7 @@ def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(tmp_path, fl
         assert board.find("unsw") is None and board.find(NEW).asset == "unsw" and board.names() == (NEW,)
         assert place(tables, NEW) == place(tables, "unsw") == OWN
         number = at_front.add_decision("unsw", "crack", "confirm")
-        assert [d.id for d in store.pending_decisions()] == [number]
+        assert [d.id for d in fakes.jobs_of(store).pending()] == [number]
 
 
 @pytest.mark.parametrize("said_before", [(), ("", "asset", "nothing unsw"), ("asset no\\such",)])
@@ -166,7 +165,7 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
         kept = Kept(
             store=store,
             board=board,
-            decisions=DecisionQueue(store),
+            decisions=JobQueue(Jobs(store.database)),
             life=life,
             changes=ChangeQueue(life),
             names=Names(store.database),

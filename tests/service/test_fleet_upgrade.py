@@ -143,7 +143,7 @@ def test_a_front_end_leaves_a_partition_of_a_newer_release_alone(fleet, tables):
         with tables.begin() as db:
             db.exec_driver_sql(f"UPDATE p{OWN:03d}.alembic_version SET version_num = '9999'")
         with pytest.raises(StorageUnavailable, match="written by a newer gear-twin; install it here, too"):
-            store.add_decision("unsw", "crack", "confirm")
+            fakes.decide(store, "unsw", "crack", "confirm")
         front_end.fleet.look()
         assert OWN not in front_end.fleet.usable and len(front_end.fleet.usable) == PARTITIONS - 1
         with pytest.raises(StorageUnavailable, match="revision 9999"):

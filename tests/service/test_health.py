@@ -22,8 +22,8 @@ from service.contract.answer import assemble
 from service.contract.status import status_of
 from service.report import rendered
 from service.report import report_of as made_report
-from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.window_jobs import WindowJobs
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.service_sink import ServiceSink
 from service.runtime.state_publication import StatePublication
@@ -132,7 +132,7 @@ def outcome(index, found, quality="good"):
 
 def test_change_of_level_is_an_event_that_is_committed_with_its_window(store):
     board = Board()
-    sink = ServiceSink(store, board, Quiet(), AssetLife(store.database))
+    sink = ServiceSink(store, board, Quiet(), WindowJobs(store.database))
     for index, found in enumerate([HEALTHY, HEALTHY, TWO_EFFECTS, TWO_EFFECTS, WORN]):
         assert sink.commit(outcome(index, found))
         sink.publish(outcome(index, found))

@@ -12,12 +12,12 @@ from sqlalchemy import Engine, event
 from test_api import Client
 
 from service.api import assets, create_app
-from service.results.asset_life import AssetLife
 from service.results.board import TAIL, Board, has_point, trend_point
 from service.results.inspections import compare
 from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
+from service.results.window_jobs import WindowJobs
 from service.runtime.pipeline import Pipeline
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.state_publication import StatePublication
@@ -157,7 +157,7 @@ def statements_of_a_start(folder, assets):
             rig_of = partial(rigs.of, offered=None)
             twin = Twin(step=None, new_state=dict, load_state=dict)
             pipeline = Pipeline(lambda asset: rig_of(asset, stored=known.get(asset)), twin, None)
-            restore(pipeline.lanes, store, AssetLife(store.database, folder / "waiting"), known)
+            restore(pipeline.lanes, store, WindowJobs(store.database, folder / "waiting"), known)
         finally:
             event.remove(Engine, "before_cursor_execute", count)
         assert all(board.get(f"machine-{n}").rig == {"name": "a"} for n in range(assets))

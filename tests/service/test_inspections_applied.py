@@ -16,7 +16,8 @@ from test_other_parts import serving
 from service.contract.inspections import BY_LEVEL, outcome_of
 from service.errors import StorageUnavailable
 from service.results.board import Board
-from service.results.decision_queue import DecisionQueue
+from service.results.job_queue import JobQueue
+from service.results.jobs import Jobs
 from service.results.sql_store import SqlStore
 from service.runtime.computing import Made
 from service.runtime.decisions import DecisionWorker
@@ -113,15 +114,15 @@ def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(t
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
         with running.store() as store:
-            number = DecisionQueue(store).submit_inspection("unsw", GIVEN, {"twin": {}})
+            number = JobQueue(Jobs(store.database)).submit_inspection("unsw", GIVEN, {"twin": {}})
         for _ in range(2):
             running.start()
             wait_until(lambda: used(running) > 0.5)
             assert used(running) == 1.0
             running.end(signal.SIGKILL)
         with running.store() as store:
-            assert store.inspection(number).done and not store.pending_inspections()
-            assert store.inspection(number).answer["applied"] is True
+            assert fakes.jobs_of(store).job(number).done and not fakes.jobs_of(store).pending()
+            assert fakes.jobs_of(store).job(number).answer["applied"] is True
     finally:
         running.end(signal.SIGKILL)
 
@@ -145,11 +146,13 @@ def outcomes(store, report, answer, **stream):
     lane = Lane(asset="unsw", rig=None, twin=None, state=None, report=report)
     made = Made(state=SimpleNamespace(to_dict=dict), answer=Answer(record={}, report=answer, events=()))
     reception, board = SimpleNamespace(**stream), Board()
-    worker = DecisionWorker(DecisionQueue(store), reception, None, store, board, SimpleNamespace(publish=str), None)
+    worker = DecisionWorker(
+        JobQueue(Jobs(store.database)), reception, None, store, board, SimpleNamespace(publish=str), None
+    )
     store.note("unsw", [])
     for job in (
-        worker._inspection(store.inspection(store.add_inspection("unsw", GIVEN, {}))),
-        worker._decision(store.decision(store.add_decision("unsw", "misalignment", "pin"))),
+        worker._inspection(fakes.jobs_of(store).job(fakes.inspect(store, "unsw", GIVEN, {}))),
+        worker._decision(fakes.jobs_of(store).job(fakes.decide(store, "unsw", "misalignment", "pin"))),
     ):
         lane.report = report
         job.then(lane, made)

@@ -111,8 +111,8 @@ def test_scrape_is_one_query_however_many_assets_there_are(store, board):
 
 def test_scrape_is_answered_while_the_storage_cannot_be_used(store, board, monkeypatch):
     fakes.take(store, board, "unsw", 0, 100.0)
-    store.add_decision("unsw", "misalignment", "pin")
-    store.carry_out(store.pending_decisions()[0], state={}, report=board.get("unsw").report, events=[])
+    fakes.decide(store, "unsw", "misalignment", "pin")
+    fakes.carry_out(store, fakes.jobs_of(store).pending()[0], state={}, report=board.get("unsw").report, events=[])
     collector = AssetCollector(board, store, dict, 10)
     before = [family.samples for family in collector.collect()]
 

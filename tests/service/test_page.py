@@ -237,7 +237,7 @@ def test_a_decision_is_sent_and_its_progress_said(traced, store):
     with traced.expect_response("**/effects/misalignment") as answered:
         traced.get_by_role("button", name="accept misalignment").click()
     assert answered.value.status == 202  # nobody carries it out here: it is kept
-    assert [d.verb for d in store.decisions("unsw")] == ["accept"]
+    assert [d.verb for d in fakes.decisions(store, "unsw")] == ["accept"]
     traced.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
 
 
@@ -251,11 +251,11 @@ def test_a_decision_is_signed_and_shown_where_effects_are_listed(traced, store, 
     page.get_by_role("textbox", name="Note").fill("seen on the flank")
     page.get_by_role("button", name="accept misalignment").click()
     page.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
-    (waiting,) = store.pending_decisions()
+    (waiting,) = fakes.jobs_of(store).pending()
     assert (waiting.by, waiting.note) == ("Anna", "seen on the flank")
     report = fakes.traced_report(19500.0, 12)
     next(e for e in report["effects"] if e["name"] == "misalignment")["status"] = "accepted"
-    assert store.carry_out(waiting, state={}, report=report, events=[("effect", {"action": "accept"})])
+    assert fakes.carry_out(store, waiting, state={}, report=report, events=[("effect", {"action": "accept"})])
     board.update("unsw", report=report, last_event_id=store.last_event_id("unsw"))
     page.wait_for_function("document.querySelector('#effects').textContent.includes('Latest decision: accept by Anna')")
     page.get_by_text("Decisions (1)").click()
@@ -275,14 +275,14 @@ def test_effect_is_decided_on_by_the_keyboard_alone_and_the_focus_stays_with_it(
     asked = []
     page.once("dialog", lambda dialog: (asked.append(dialog.message), dialog.dismiss()))
     page.keyboard.press("Enter")
-    assert "re-evaluated without it" in asked[0] and store.decisions("unsw") == ()  # thought better of it
+    assert "re-evaluated without it" in asked[0] and fakes.decisions(store, "unsw") == ()  # thought better of it
     page.keyboard.press("Shift+Tab")
     with page.expect_response("**/effects/gear_eccentricity"):
         page.keyboard.press("Enter")
     report = fakes.traced_report(19500.0, 12)
     report["effects"][0]["status"] = "pinned"
-    (waiting,) = store.pending_decisions()
-    assert store.carry_out(waiting, state={}, report=report, events=[("effect", {"action": "pin"})])
+    (waiting,) = fakes.jobs_of(store).pending()
+    assert fakes.carry_out(store, waiting, state={}, report=report, events=[("effect", {"action": "pin"})])
     board.update("unsw", report=report, last_event_id=store.last_event_id("unsw"))
     page.get_by_role("button", name="release gear eccentricity").wait_for()  # the event has brought it
     assert page.evaluate("document.activeElement.dataset.group") == "gear_eccentricity"

@@ -15,8 +15,8 @@ from test_decisions import post
 from test_other_parts import serving
 
 from service.json_text import plain
-from service.results.asset_life import AssetLife
 from service.results.data_folder import SIGNALS, WAITING
+from service.results.window_jobs import WindowJobs
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
@@ -31,7 +31,7 @@ def recording(tmp_path_factory):
 def waiting(running):
     """The windows that wait by the database, of a service that has ended."""
     with running.store() as store:
-        return AssetLife(tables_of(store), running.folder / WAITING).waiting("unsw")
+        return WindowJobs(tables_of(store), running.folder / WAITING).waiting("unsw")
 
 
 @pytest.mark.slow

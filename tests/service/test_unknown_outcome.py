@@ -22,9 +22,8 @@ from test_decisions import post
 
 from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
-from service.results.asset_life import AssetLife
 from service.results.database import Database
-from service.results.sql_store import SqlStore
+from service.results.jobs import Jobs
 
 
 @pytest.fixture
@@ -50,9 +49,7 @@ def unanswered(monkeypatch):
             lost.clear()
             raise StorageUnavailable("a commit was not answered", reason="connection lost", unknown=True)
 
-    first_lost(AssetLife, "change_done")
-    first_lost(SqlStore, "use_inspection")
-    first_lost(SqlStore, "carry_out")
+    first_lost(Jobs, "end")
     monkeypatch.setattr(Database, "_commit", committed)
     return seen
 

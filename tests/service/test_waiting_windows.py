@@ -8,8 +8,8 @@ import pytest
 import service_fakes as fakes
 
 from service.errors import StorageUnavailable
-from service.results.asset_life import AssetLife
 from service.results.board import Board
+from service.results.window_jobs import WindowJobs
 from service.runtime.outcomes import HeldWindow
 from service.runtime.questions import count_fell
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
@@ -27,7 +27,7 @@ def waiting(store, board):
     """The place where the windows of an asset wait that has had one window."""
     fakes.take(store, board, "unsw", 0, 10.0)
     publication = SimpleNamespace(publish=lambda asset: None)
-    return WaitingWindows(store, AssetLife(store.database), board, publication, clock=lambda: LATER)
+    return WaitingWindows(store, WindowJobs(store.database), board, publication, clock=lambda: LATER)
 
 
 def unavailable(asset):

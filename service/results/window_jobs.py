@@ -1,8 +1,7 @@
-"""The life of assets: changes that people made, and windows that wait for an answer.
+"""Jobs that are windows: each a file that waits for its turn, and a row that names it.
 
-A change is kept when it is submitted and carried out once, with all that it ends, in one transaction
-(service/runtime/changes.py). A window that waits is a file; what names it is written with it and deleted with the
-transaction that processes the window, so that a kill loses no window and counts none twice.
+The row is written with where the asset's stream goes on, and deleted by the transaction that processes the window, so
+that a kill loses no window and counts none twice.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Select, bindparam, delete, select, update
+from sqlalchemy import Connection, bindparam, delete, select, update
 
 from service.contract.base import iso_time
 from service.errors import StoreError
 from service.results.commit_marks import probe
+from service.results.jobs import WINDOW
 from service.results.json_columns import dump, salvage
-from service.results.rig_proposals import REJECTED
-from service.results.schema import ASSETS, CHANGES, WAITING
+from service.results.schema import ASSETS, JOBS
 from service.results.store import Tables
 from service.results.window_file import SUFFIX, UNFINISHED, sync_folder, write_window
 from service.steady_clock import later_time_ns
@@ -35,40 +34,27 @@ WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answe
 WAITING_BYTES = 2**30  # ... and what they may take on disk
 PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
-_CHANGE = select(CHANGES).order_by(CHANGES.c.id)
-_ALL_WAITING = select(*(WAITING.c[n] for n in ("asset", "id", "start_ns", "bytes"))).order_by(WAITING.c.id)
-_WAITING = _ALL_WAITING.where(WAITING.c.asset == bindparam("of"))
-_END_WAITING = delete(WAITING).where(WAITING.c.id == bindparam("number"))
-_END_WAITING_FROM = delete(WAITING).where(WAITING.c.asset == bindparam("of"), WAITING.c.id >= bindparam("number"))
-_BEFORE = select(WAITING.c.before).where(WAITING.c.id == bindparam("number"))
+_IS = JOBS.c.kind == WINDOW
+_OF = JOBS.c.asset == bindparam("of")
+_ALL_WAITING = select(*(JOBS.c[n] for n in ("asset", "id", "start_ns", "bytes"))).where(_IS).order_by(JOBS.c.id)
+_WAITING = _ALL_WAITING.where(_OF)
+_END_WAITING = delete(JOBS).where(JOBS.c.id == bindparam("number"))
+_END_WAITING_FROM = delete(JOBS).where(_IS, _OF, JOBS.c.id >= bindparam("number"))
+_BEFORE = select(JOBS.c.given).where(JOBS.c.id == bindparam("number"))
 _GO_ON_FROM = update(ASSETS).where(ASSETS.c.asset == bindparam("of"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StoredChange:
-    """One change of an asset."""
-
-    id: int
-    asset: str
-    received_ns: int
-    kind: str
-    given: Mapping[str, Any]  # by, note, at, and what the kind needs
-    done: bool  # carried out, or refused
-    refused: str | None
-    effect: Mapping[str, Any] | None  # what it changed, once it is carried out
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class WaitingWindow:
-    """One window that waits for an answer."""
+    """One window that waits for its turn."""
 
     id: int
     start_ns: int
     bytes: int
 
 
-class AssetLife:
-    """Changes and waiting windows of all assets: in the results' database and a folder for the windows."""
+class WindowJobs:
+    """The windows of all assets that wait: in the results' database and a folder."""
 
     def __init__(self, database: Tables, folder: Path | None = None) -> None:
         """folder  of the windows that wait; None where no window ever does"""
@@ -77,7 +63,7 @@ class AssetLife:
             return
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            known = {row[0] for row in database.rows(select(WAITING.c.id))}
+            known = {row[0] for row in database.rows(select(JOBS.c.id).where(_IS))}
             for path in folder.iterdir():
                 if path.suffix != SUFFIX or not path.stem.isdigit() or int(path.stem) not in known:
                     path.unlink(missing_ok=True)  # of a window that has been processed, or was never committed
@@ -87,54 +73,6 @@ class AssetLife:
     def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction of the database, which other stores in it share."""
         return self._database.transaction()
-
-    # -- changes -------------------------------------------------------------------------------------
-
-    def add_change(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
-        """Keeps a change that waits to be carried out; its id."""
-        with self.transaction() as db:
-            self._database.ensure(db, asset)
-            row = {"asset": asset, "received_ns": later_time_ns(), "kind": kind, "given": dump(given)}
-            return self._database.add(db, CHANGES, row)
-
-    def change_done(self, number: int, effect: Mapping[str, Any]) -> bool:
-        """Marks a change as carried out; False where it was done before. Call it within the transaction."""
-        with self.transaction() as db:
-            return bool(db.execute(_end(number).values(effect=dump(effect))).rowcount)
-
-    def refuse_change(self, number: int, reason: str) -> None:
-        """Ends a change that cannot be carried out."""
-        with self.transaction() as db:
-            db.execute(_end(number).values(refused=reason))
-
-    def change(self, number: int) -> StoredChange:
-        (found,) = self._changes(_CHANGE.where(CHANGES.c.id == number))
-        return found
-
-    def changes(self, asset: str) -> tuple[StoredChange, ...]:
-        """All changes of an asset, oldest first."""
-        return self._changes(_CHANGE.where(CHANGES.c.asset == asset))
-
-    def pending_changes(self) -> tuple[StoredChange, ...]:
-        """Those that wait to be carried out, oldest first."""
-        return self._changes(_CHANGE.where(CHANGES.c.done == 0))
-
-    def rejected_rigs(self, asset: str) -> list[str]:
-        """Digests of the rig files that people have rejected for an asset."""
-        return [c.given["digest"] for c in self.changes(asset) if c.kind == REJECTED and c.refused is None]
-
-    def _changes(self, query: Select) -> tuple[StoredChange, ...]:
-        names = ("id", "asset", "received_ns", "kind", "refused")
-        found = []
-        for row in (r._mapping for r in self._database.rows(query)):
-            given = salvage(row["given"], f"change {row['id']} of {row['asset']}")
-            if given is not None:
-                effect = salvage(row["effect"], f"the effect of change {row['id']} of {row['asset']}")
-                own = {n: row[n] for n in names}
-                found.append(StoredChange(**own, done=bool(row["done"]), given=given, effect=effect))
-        return tuple(found)
-
-    # -- windows that wait ---------------------------------------------------------------------------
 
     def write(self, window: Window) -> int:
         """Writes a window that is to wait, before the transaction, which others wait for; its size in bytes."""
@@ -160,8 +98,9 @@ class AssetLife:
         size = self.write(window) if size is None else size
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size, "before": dump(before)}
-            number = self._database.add(db, WAITING, row)
+            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size, "given": dump(before)}
+            row |= {"kind": WINDOW, "received_ns": later_time_ns()}
+            number = self._database.add(db, JOBS, row)
             self._unnumbered().replace(self._path(number))
         return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
 
@@ -244,7 +183,7 @@ class AssetLife:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
             self._database.ensure(db, other)
-            db.execute(update(WAITING).where(WAITING.c.asset == asset).values(asset=other))
+            db.execute(update(JOBS).where(_IS, JOBS.c.asset == asset).values(asset=other))
 
     def _unnumbered(self) -> Path:
         assert self.folder is not None
@@ -253,11 +192,6 @@ class AssetLife:
     def _path(self, number: int) -> Path:
         assert self.folder is not None
         return self.folder / f"{number:08d}{SUFFIX}"
-
-
-def _end(number: int) -> Any:
-    """Ends a change that has not been ended before."""
-    return update(CHANGES).where(CHANGES.c.id == number, CHANGES.c.done == 0).values(done=1)
 
 
 def temporary_name(process: int) -> str:
