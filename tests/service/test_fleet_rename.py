@@ -15,11 +15,10 @@ from service_streams import wait_until, write_recording
 from service.alarms.keeper import AlarmKeeper
 from service.cli import run
 from service.errors import DeliveryError, InputError
-from service.fleet import layout
 from service.fleet.databases import engine_of
 from service.fleet.front_kept import FleetLife
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import ASSETS, CURVES, NAMES, Layout, create, partition_of
+from service.fleet.layout import ASSETS, CURVES, NAMES, Layout, partition_of
 from service.fleet.listener import Listener
 from service.fleet.lookup import partition_in_use
 from service.fleet.naming import Names
@@ -344,20 +343,3 @@ def test_frames_that_belong_to_another_partition_are_left_out_and_nobody_is_aske
     assert unknown.refusal("unsw").startswith(expected)
     assert caplog.text.count(expected) == 1
     assert (unknown.admits(NEW) is not asks and unknown.refusal(NEW) is None) or asks
-
-
-# -- upgrade ---------------------------------------------------------------------------------------------
-
-
-def test_a_fleet_of_the_first_revision_learns_the_names_that_were_given_before(fleet, tables):
-    with taken(fleet, OWN) as store:
-        fakes.take(store, None, "unsw", 0, 100.0)
-        rename(store, "unsw", NEW)
-        rename(store, NEW, NEXT)
-    expected = names(tables)
-    with tables.begin() as db:
-        db.exec_driver_sql("DROP TABLE fleet.names, fleet.curves")
-        db.exec_driver_sql("UPDATE fleet.facts SET value = '1' WHERE name = 'revision'")
-    assert create(tables, PARTITIONS) == LAYOUT
-    assert names(tables) == expected == dict.fromkeys(("unsw", NEW, NEXT), OWN)
-    assert layout.revision() == 2 and sa.inspect(tables).has_table("curves", schema="fleet")
