@@ -327,8 +327,8 @@ class Relation:
         def each(name: str) -> dict[str, float]:
             return {k: float(v[name]) for k, v in conditions.items()}
 
-        of, unworn, correlation = data.get("of", {}), data.get("unworn"), data.get("correlation")
-        band = of.get("band_hz")
+        of, unworn, correlation = data["of"], data["unworn"], data["correlation"]
+        band = of["band_hz"]
 
         return cls(
             curves=curves,
@@ -345,14 +345,12 @@ class Relation:
                 log_level=np.array(unworn["log_level"], float),
                 covariance=np.array(unworn["covariance"], float),
             ),
-            quantities={
-                k: Quantity(column=v["column"], unit=v["unit"]) for k, v in conditions.items() if v.get("column")
-            },
+            quantities={k: Quantity(column=v["column"], unit=v["unit"]) for k, v in conditions.items() if v["column"]},
             origin=Origin(
-                asset=of.get("asset"),
-                curve=of.get("curve", MODEL),
-                causes=tuple(of.get("causes", ())),
-                sensor=of.get("sensor"),
+                asset=of["asset"],
+                curve=of["curve"],
+                causes=tuple(of["causes"]),
+                sensor=of["sensor"],
                 band=None if band is None else (float(band[0]), float(band[1])),
             ),
         )
