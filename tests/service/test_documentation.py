@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import reference
-from benchmarks.figures import TABLE, enclosed
 from service.files.import_mapping import checked_mapping
 from tests.documentation import PAGES, ROOT, blocks_of, is_slow, run_page
 
@@ -89,13 +87,3 @@ def test_the_commands_of_all_pages_are_valid_shell():
         for block in blocks_of(page.read_text(encoding="utf-8")):
             checked = subprocess.run(["bash", "-n", "-c", block.commands], capture_output=True, text=True)
             assert checked.returncode == 0, f"{name_of(page)}: {checked.stderr}"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", reference.TABLES)
-def test_the_tables_of_the_reference_are_those_of_the_code(name):
-    command = f"python -m benchmarks.reference {name}"
-    shown = [t[0] for page in PAGES for t in TABLE.finditer(page.read_text("utf-8")) if t["command"] == command]
-    assert shown == [enclosed("table", command, reference.TABLES[name]())], (
-        f"run: {command.replace('benchmarks.reference', 'benchmarks.figures')}"
-    )

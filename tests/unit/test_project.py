@@ -231,10 +231,9 @@ def test_each_package_has_its_reason_in_the_reference(requirement):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_each_command_explains_itself_and_is_in_the_reference(command, capsys):
+def test_each_command_explains_itself(command, capsys):
     assert run([command, "--help"]) == 0
     assert f"gear-twin {command}" in capsys.readouterr().out
-    assert f"### gear-twin {command}" in (REFERENCE / "commands.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("target", sorted(set(re.findall(r"make ([a-z][a-z-]+)[`\n ]", README + DEVELOP))))

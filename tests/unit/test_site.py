@@ -14,6 +14,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The site, built with warnings as errors."""
@@ -25,13 +28,22 @@ def site(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 def test_every_page_of_the_documentation_is_on_the_site(site):
     for page in (ROOT / "docs").rglob("*.md"):
         name = page.relative_to(ROOT / "docs").with_suffix(".html")
         assert (site / name.with_name(name.name.replace("README", "index"))).is_file(), page
     for name in ("index", "architecture", "changes", "reference/symbols", "how-to/add-an-effect"):
         assert (site / f"{name}.html").is_file(), name
+
+
+def test_tables_of_the_code_and_figures_of_the_twin_are_on_the_site(site):
+    for name in ("commands", "settings", "json", "rest", "operations", "rig-file", "answers-file", "python"):
+        text = (site / "reference" / f"{name}.html").read_text(encoding="utf-8")
+        assert "<table>" in text and "make site" not in text, name
+    for page in (site / "explanation").glob("*.html"):
+        for picture in re.findall(r'<img[^>]+src="([^"]+)"', page.read_text(encoding="utf-8")):
+            assert (page.parent / picture).read_bytes().startswith(b"\x89PNG"), picture
+    assert len(list((site / "pictures").glob("explanation-*.png"))) == 6
 
 
 def test_the_site_can_be_searched(site):
