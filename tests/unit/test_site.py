@@ -18,7 +18,7 @@ LOADS = re.compile(r"<(?:script|img|link|iframe)[^>]+(?:src|href)=\"?(https?:)?/
 
 
 @pytest.mark.slow
-def test_the_site_builds_without_a_warning_with_all_that_is_made_for_it_can_be_searched_and_loads_nothing_from_elsewhere(
+def test_the_site_builds_without_a_warning_with_all_that_is_made_for_it_and_loads_nothing_from_elsewhere(
     tmp_path,
 ):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
