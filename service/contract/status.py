@@ -41,7 +41,6 @@ WAIT = "Send the first measurement window: nothing can be said of the machine be
 WAIT_ON = "Wait until the windows that have come are assessed: nothing needs to be sent."
 REPAIR_WORKERS = "Look into the log of the service: what has been received is kept, and assessed once a worker lives."
 MOST_BEHIND = 3  # machines that are named
-RENEW = "Send a new measurement window: it renews the figures."
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
 CHECK = "Check the data before the machine is judged"
 

@@ -443,7 +443,7 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
     return unworn_of(relation, cases)
 
 
-def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, seed: int = 1) -> NotRising | None:
+def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS) -> NotRising | None:
     """The longest run of deepest cases over which the level does not rise with depth (Spearman's ρ ≤ 0).
 
     Many runs are looked at and each may not rise by chance. So the rising level b + g·depth^q that fits best in
@@ -459,7 +459,7 @@ def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, 
     if not length:
         return None
     rising, std = _rising(d, r)
-    drawn = rising * np.exp(std * np.random.default_rng(seed).standard_normal((draws, d.size)))
+    drawn = rising * np.exp(std * np.random.default_rng(1).standard_normal((draws, d.size)))
     p = float(1 + np.sum(_not_rising(d, drawn)[0] >= length)) / (1 + draws)
     return None if p > LIMITS.chance else NotRising(start=float(d[-length]), spearman=float(ρ), p=p)
 
