@@ -17,7 +17,7 @@ from twin.rig import Rig
 from twin.windows import Edges, Samples, Window
 
 RATE, SPEED, TEETH, SECONDS = 5120.0, 24.4773, (23, 57), 10.0
-MESH_1, FOREIGN = TEETH[0] * SPEED, 711.3  # [Hz]
+FOREIGN = 711.3  # [Hz]
 
 PAIR = {"gears": {"pinion": {"teeth": TEETH[0]}, "gear": {"teeth": TEETH[1]}}}
 
