@@ -68,7 +68,7 @@ class Memory:
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any] | None) -> Memory:
-        """From what `to_dict` gave; an empty one from None. Earlier versions kept no index of the window."""
+        """From what `to_dict` gave; an empty one from None."""
         if stored is None:
             return cls()
         keys = {
@@ -81,7 +81,7 @@ class Memory:
             )
             for key, given in stored["keys"].items()
         }
-        return cls(window=stored.get("window"), keys=keys)
+        return cls(window=stored["window"], keys=keys)
 
 
 def key_of(rule: str, place: str) -> str:

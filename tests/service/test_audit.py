@@ -16,7 +16,6 @@ from service.cli.audit import entry_line
 from service.results.audit_log import AuditLog
 
 INSPECTION = {"revolutions": 6000, "max_depth_um": 150.0, "flank": "combined", "std_um": 4.0}
-RULE = {"name": "hot", "quantity": "level", "basis": "fixed", "watch": 10.0, "alarm": 20.0}
 BASE = "/v1/assets/unsw"
 
 

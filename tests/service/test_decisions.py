@@ -26,6 +26,7 @@ from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.replay import replay
 from service.runtime.twin_port import Twin
+from service.stream.assembly import Assembler
 from service.stream.quality import Quality
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
@@ -260,17 +261,11 @@ def test_asset_must_be_named_where_there_are_several(capsys, address, store, boa
 @pytest.mark.parametrize(("level", "kept"), [("watch", True), ("alarm", False)])
 def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_level(level, kept):
     since = {"time": "2024-05-01T10:00:00.000000000Z", "revolutions": 1000.0}
-    before = {"status": {"level": "watch", "reasons": ["Misalignment was found."], "since": since}}
-    answer = Estimate(record={}, report={"status": {"level": level, "reasons": ["Wear."], "since": None}}, events=())
+    before = {"status": {**fakes.status("watch", "Misalignment was found."), "since": since}}
+    answer = Estimate(record={}, report={"status": {**fakes.status(level, "Wear."), "since": None}}, events=())
     twin = Twin(step=None, new_state=dict, load_state=dict, decide=lambda *given: ({}, answer))
     pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, None)
-    assembly = {
-        "closed_until_ns": 60_000_000_000,
-        "channels": [],
-        "edges_counted": {},
-        "last_frames": {},
-        "counters": {},
-    }
+    assembly = Assembler().to_dict() | {"closed_until_ns": 60_000_000_000}
     pipeline.lanes.restore(
         "unsw", Checkpoint(index=4, state={}, report=before, assembly=assembly, quality=Quality().to_dict({}, ()))
     )

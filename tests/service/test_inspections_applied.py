@@ -158,7 +158,7 @@ def outcomes(store, report, answer, **stream):
 
 def test_status_that_an_inspection_leaves_as_it_was_holds_since_the_same_time(store):
     since = {"time": "2026-01-01T00:00:00Z", "revolutions": 5.0}
-    status = {"level": "alarm", "reasons": ["worn"]}
+    status = fakes.status("alarm", "worn")
     before = {"status": {**status, "since": since}, "residual": 1}
     after = [*outcomes(store, before, {"status": status}, ended_ns=lambda asset: 10**18)]
     assert [report["status"] for report in after] == [{**status, "since": since}] * 2
@@ -171,5 +171,5 @@ def test_status_that_a_person_changes_holds_since_the_newest_window_and_where_th
     stream = Reception(lambda asset: None, lambda window: None, host_clock=lambda: 1_790_000_000 * 10**9)
     if True:
         given = {"ended_ns": stream.ended_ns}
-        for after in outcomes(store, report, {"status": {"level": "alarm", "reasons": ["worn"]}}, **given):
+        for after in outcomes(store, report, {"status": fakes.status("alarm", "worn")}, **given):
             assert after["status"]["since"]["time"].startswith("2026-09-21T14:13:20")

@@ -107,15 +107,6 @@ def test_duration_in_seconds_begins_again_where_the_clock_was_set_back():
     assert said == [(4, "raised"), (10, "ended")]
 
 
-def test_memory_of_an_earlier_version_is_read_and_the_next_window_is_judged():
-    """It had the start of the newest window in place of its index."""
-    memory, _ = run(LEVEL, [5, 12])
-    stored = memory.to_dict() | {"window_ns": 10**18}
-    del stored["window"]
-    memory, said = run(LEVEL, [25], Memory.from_dict(stored), start=2)
-    assert said == [(2, "escalated", "alarm")] and memory.window == 2
-
-
 def test_limits_are_learned_first_and_only_from_healthy_windows():
     rule = Rule(name="rms", quantity="rms", windows=1)
     memory, said = run(rule, [10.0, 10.1, 9.9] * 3)

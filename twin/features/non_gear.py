@@ -46,7 +46,6 @@ from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
 from twin.windows import Window
 
-TUNED = "tuned on D00–D13 and T01–T58; not derived"
 RINGING_WIDTH = 60.0  # of the bands among which the frequency that impacts ring at is sought [Hz]
 MOST_READ = 16  # lines of no shaft that are read from every channel of a window
 HIGHEST_OTHER = 60.0  # order of the pinion up to which transmission error and torque are searched

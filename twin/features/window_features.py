@@ -140,12 +140,12 @@ class WindowFeatures:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WindowFeatures:
-        values = {name: value for name, value in data.items() if name != "torque_std_nm"}  # kept by version 1
+        values = dict(data)
         for name in ("acceleration", "transmission_error", "pinion_motion", "torque"):
             if values.get(name) is not None:
                 values[name] = MeasuredLines.from_dict(values[name])
         for name in ("band", "mesh_bands"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
-        values["indicators"] = from_plain(Mapping[str, SensorIndicators], values.get("indicators", {}))
+        values["indicators"] = from_plain(Mapping[str, SensorIndicators], values["indicators"])
         return cls(**values)

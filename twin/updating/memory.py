@@ -59,7 +59,7 @@ class Segment:
     start_depth: float  # largest combined depth at its start [m]
     start_work: float  # x at its start [rad/N]
     start_revolutions: float = 0.0  # pinion turns at its start
-    start_profile: StoredProfile | None = None  # None: new flanks, or to be computed from the segment before
+    start_profile: StoredProfile | None = None  # None: new flanks
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-safe and exact."""

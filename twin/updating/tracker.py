@@ -150,4 +150,4 @@ class WearTrack:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> WearTrack:
-        return cls(**{"steady": values["windows"], **values})
+        return cls(**values)
