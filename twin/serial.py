@@ -6,7 +6,7 @@ Holds for dataclasses whose fields are numbers, strings, booleans, None, bytes, 
 of these. A union of dataclasses is told by its fields: no two members may have the same names. A mapping by anything
 but strings becomes pairs. What a field needs besides, its type says:
 
-    Annotated[tuple[complex, ...], Packed("c16")]   many numbers, as bytes in numpy's format; little-endian
+    Annotated[tuple[complex, ...], Packed("c16")]   many numbers, as little-endian bytes; `Numbers` are such of floats
     Annotated[Effect, Named(EFFECTS)]               a dataclass of a table, by its name there
 
 Bytes are kept beside the fields, under `arrays`, as text of base 64; those that occur again are written once.
@@ -23,8 +23,6 @@ from itertools import repeat
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import numpy as np
-
 from twin.errors import TwinError
 
 T = TypeVar("T")
@@ -36,6 +34,9 @@ class Packed:
     """A tuple of numbers, or of tuples of numbers, is written as bytes."""
 
     format: str  # of numpy: "f8", "c16", "i2,i2,i2"
+
+
+Numbers = Annotated[tuple[float, ...], Packed("f8")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +98,7 @@ class _Kept:
     """The table of bytes that is read from, and the tuples that were made of them."""
 
     table: list[bytes]
-    made: dict[tuple[int, np.dtype], tuple[Any, ...]]
+    made: dict[tuple[int, str], tuple[Any, ...]]  # by the place in the table, and the format
 
     @classmethod
     def of(cls, texts: Any) -> _Kept:
@@ -110,16 +111,6 @@ class _Kept:
         if type(data) is not int or not 0 <= data < len(self.table):
             raise _refusal(f"the number of one of {len(self.table)} arrays", data)
         return self.table[data]
-
-    def numbers(self, data: Any, format: np.dtype) -> tuple[Any, ...]:
-        """The numbers of an array: the same tuple for all that refer to it."""
-        found = self.made.get((data, format)) if type(data) is int else None
-        if found is None:
-            raw = self.bytes(data)
-            if len(raw) % format.itemsize:
-                raise Misfit(f"must be an array of {format.itemsize} bytes a member, not of {len(raw)} bytes")
-            found = self.made[data, format] = tuple(np.frombuffer(raw, format).tolist())
-        return found
 
 
 Write = Callable[[Any, _Written], Any]
@@ -160,7 +151,7 @@ def _form_of(kind: Any) -> _Form:
         return _Form("an array", lambda data, kept: kept.bytes(data), lambda v, written: written.number(v), (bytes,))
     if origin is Annotated:
         how = members[1]
-        return _named(how.table) if isinstance(how, Named) else _packed(np.dtype(how.format).newbyteorder("<"))
+        return _named(how.table) if isinstance(how, Named) else _packed(how.format)
     if origin in (Union, UnionType):
         return _union([_form(member) for member in members])
     if origin is tuple:
@@ -200,11 +191,23 @@ def _standing(said: str, plain: tuple[type, ...]) -> _Form:
     return _Form(said, read, plain=frozenset(plain))
 
 
-def _packed(format: np.dtype) -> _Form:
+def _packed(name: str) -> _Form:
+    import numpy as np  # a start of the service does without: it knows the types of answers alone
+
+    format = np.dtype(name).newbyteorder("<")
+
     def write(value: Any, written: _Written) -> int:
         return written.number(np.array(list(value), format).tobytes())
 
-    return _Form("an array", lambda data, kept: kept.numbers(data, format), write, (tuple,))
+    def read(data: Any, kept: _Kept) -> tuple[Any, ...]:
+        raw = kept.bytes(data)
+        if len(raw) % format.itemsize:
+            raise Misfit(f"must be an array of {format.itemsize} bytes a member, not of {len(raw)} bytes")
+        if (data, name) not in kept.made:
+            kept.made[data, name] = tuple(np.frombuffer(raw, format).tolist())
+        return kept.made[data, name]
+
+    return _Form("an array", read, write, (tuple,))
 
 
 def _named(table: Mapping[str, type]) -> _Form:

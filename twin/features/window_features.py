@@ -15,11 +15,10 @@ import numpy as np
 
 from twin.assessment import SensorIndicators
 from twin.errors import NotAvailable
-from twin.serial import Packed
+from twin.serial import Numbers, Packed
 
 Key = tuple[int, int, int]
 Keys = Annotated[tuple[Key, ...], Packed("i2,i2,i2")]
-Numbers = Annotated[tuple[float, ...], Packed("f8")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
