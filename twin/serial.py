@@ -2,9 +2,9 @@
 
     plain = to_plain(value);   value == from_plain(type(value), plain)
 
-Holds for dataclasses whose fields are numbers, strings, booleans, None, bytes, dataclasses, tuples, mappings and unions
-of these. A union of dataclasses is told by its fields: no two members may have the same names. A mapping by anything
-but strings becomes pairs. What a field needs besides, its type says:
+Holds for dataclasses whose fields are numbers, strings, booleans, None, literals, bytes, dataclasses, tuples, lists,
+mappings and unions of these. A union of dataclasses is told by its fields: no two members may have the same names. A
+mapping by numbers becomes pairs. What a field needs besides, its type says:
 
     Annotated[tuple[complex, ...], Packed("c16")]   many numbers, as little-endian bytes; `Numbers` are such of floats
     Annotated[Effect, Named(EFFECTS)]               a dataclass of a table, by its name there
@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from itertools import repeat
 from types import NoneType, UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from twin.errors import TwinError
 
@@ -154,11 +154,15 @@ def _form_of(kind: Any) -> _Form:
         return _named(how.table) if isinstance(how, Named) else _packed(how.format)
     if origin in (Union, UnionType):
         return _union([_form(member) for member in members])
+    if origin is Literal:
+        return _chosen(members)
+    if origin is list:
+        return _items([_form(members[0])], list, alike=True)
     if origin is tuple:
-        return _tuple([_form(member) for member in members if member is not Ellipsis], alike=Ellipsis in members)
+        return _items([_form(member) for member in members if member is not Ellipsis], alike=Ellipsis in members)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         key, item = _form(members[0]), _form(members[1])
-        return _mapping(item) if members[0] is str else _pairs(_tuple([key, item], alike=False))
+        return _pairs(_items([key, item], alike=False)) if members[0] in (int, float) else _mapping(item)
     if is_dataclass(kind):
         return _dataclass(kind)
     raise TypeError(f"no plain form of {kind} is known")
@@ -189,6 +193,17 @@ def _standing(said: str, plain: tuple[type, ...]) -> _Form:
         raise _refusal(said, data)
 
     return _Form(said, read, plain=frozenset(plain))
+
+
+def _chosen(values: tuple[Any, ...]) -> _Form:
+    said = f"one of {', '.join(map(repr, values))}"
+
+    def read(data: Any, kept: _Kept) -> Any:
+        if data not in values:
+            raise _refusal(said, data)
+        return data
+
+    return _Form(said, read)
 
 
 def _packed(name: str) -> _Form:
@@ -250,8 +265,8 @@ def _union(members: list[_Form]) -> _Form:
     return _Form(said, read, write, tuple(writers), frozenset(as_they_are))
 
 
-def _tuple(members: list[_Form], alike: bool) -> _Form:
-    """A tuple of as many members as are given, or of any number of one."""
+def _items(members: list[_Form], kind: type = tuple, *, alike: bool) -> _Form:
+    """A tuple or list of as many members as are given, or of any number of one."""
     said = "a list" if alike else f"a list of {len(members)}"
     stand = all(not form.classes for form in members)
 
@@ -262,12 +277,12 @@ def _tuple(members: list[_Form], alike: bool) -> _Form:
         pairs = zip(forms(len(value)), value, strict=True)
         return list(value) if stand else [form.write(item, written) for form, item in pairs]
 
-    def read(data: Any, kept: _Kept) -> tuple[Any, ...]:
+    def read(data: Any, kept: _Kept) -> Any:
         if type(data) is not list or not (alike or len(data) == len(members)):
             raise _refusal(said, data)
-        return tuple(_taken(range(len(data)), forms(len(data)), data, kept))
+        return kind(_taken(range(len(data)), forms(len(data)), data, kept))
 
-    return _Form(said, read, write, (tuple,))
+    return _Form(said, read, write, (kind,))
 
 
 def _mapping(member: _Form) -> _Form:
@@ -285,7 +300,7 @@ def _mapping(member: _Form) -> _Form:
 
 
 def _pairs(pair: _Form) -> _Form:
-    form = _tuple([pair], alike=True)
+    form = _items([pair], alike=True)
 
     def write(value: Any, written: _Written) -> Any:
         return form.write(tuple(value.items()), written)
