@@ -11,6 +11,7 @@ import pytest
 from tests.dynamics_cases import RIG
 from tests.updating_cases import TEN, curve, model, seen
 from twin.model import Condition
+from twin.serial import from_plain, to_plain
 from twin.updating.history import UpdateOptions, WindowInput, update_window
 from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
 from twin.updating.model_cache import curve_of, profile_of
@@ -50,7 +51,7 @@ def test_a_segment_begins_with_the_profile_of_the_one_before():
 def test_a_stored_profile_comes_back_to_the_bit():
     profile = CURVE.profile(31e-6)
     stored = StoredProfile.of(profile)
-    again = StoredProfile.from_dict(json.loads(json.dumps(stored.to_dict())))
+    again = from_plain(StoredProfile, json.loads(json.dumps(to_plain(stored))))
     assert again == stored and hash(again) == hash(stored)
     assert np.array_equal(again.on(model().unworn).depth, profile.depth)
 

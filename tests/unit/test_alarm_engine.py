@@ -11,6 +11,7 @@ from service.alarms.readings import Reading, Readings, of_report, of_window
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.errors import InputError
 from twin.learned_limits import OperatingPoint
+from twin.serial import from_plain, to_plain
 
 NS = 1_000_000_000
 LEVEL = Rule(name="level", quantity="rms", watch=10.0, alarm=20.0, hysteresis=0.1)
@@ -28,7 +29,7 @@ def run(rule, values, memory=None, start=0, step=60.0, learn=True):
         moment = Moment(time_ns=round(index * step * NS), window=index, learn=learn)
         memory, changes = evaluate([rule], memory, at_level(value), moment)
         said += [(index, c.verb, c.level) for c in changes if c.verb != "updated"]
-        memory = Memory.from_dict(json.loads(json.dumps(memory.to_dict())))  # as a restart does
+        memory = from_plain(Memory, json.loads(json.dumps(to_plain(memory))))  # as a restart does
     return memory, said
 
 

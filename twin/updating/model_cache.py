@@ -85,9 +85,10 @@ class PathKey(NamedTuple):
     @property
     def text(self) -> bytes:
         """The same in every process, and for equal keys alone."""
-        values = self.calibration, self.condition, self.effects, [type(e).__name__ for e in self.effects], self.furthest
-        start = ("", "") if self.start is None else (self.start.shape, self.start.data.hex())
-        return json.dumps([self.rig.text, to_plain(values), *start]).encode()
+        effects = [(type(effect).__name__, to_plain(effect)) for effect in self.effects]
+        start = None if self.start is None else to_plain(self.start)
+        values = to_plain(self.calibration), to_plain(self.condition), effects, start, self.furthest
+        return json.dumps([self.rig.text, *values]).encode()
 
 
 @lru_cache(maxsize=KEPT_MODELS)
