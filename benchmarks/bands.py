@@ -121,9 +121,9 @@ def _life_band(when: str, true: float, rul: Mapping[str, Any]) -> Band:
     return Band(what="life", when=when, true=float(true), said=said["median"], low=low, high=high, rank=rank)
 
 
-def binomial_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a rate."""
-    tail = (1 - level) / 2
+def binomial_interval(hits: int, of: int) -> tuple[float, float]:
+    """Clopper and Pearson's 95 % interval of a rate."""
+    tail = 0.025
     low = 0.0 if hits == 0 else float(beta.ppf(tail, hits, of - hits + 1))
     high = 1.0 if hits == of else float(beta.ppf(1 - tail, hits + 1, of - hits))
     return low, high

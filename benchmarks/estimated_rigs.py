@@ -55,9 +55,9 @@ class Bands:
         return max(errors, key=abs, default=None)
 
 
-def estimated_rig(answers: Path = ANSWERS) -> Rig:
-    """The rig file that `gear-twin init` makes of an answers file."""
-    return draft_of(load_answers(answers)).rig
+def estimated_rig() -> Rig:
+    """The rig file that `gear-twin init` makes of the answers file."""
+    return draft_of(load_answers(ANSWERS)).rig
 
 
 def bands_of(recording: Path, rig: Rig, *, trace: bool = False) -> Bands:

@@ -1,17 +1,15 @@
-"""Draws the figures of docs/explanation from the twin itself and from the bundled recordings.
+"""Draws the figures of the explanations, and that of the Python client, from the twin and the bundled recordings.
 
-    python -m benchmarks.explanation_figures [NAME …] [--out FOLDER]
-
-Nothing in them is drawn by hand: every curve is computed here, by the functions that the service uses.
+The documentation site shows them (docs/site/hooks.py). Nothing in them is drawn by hand: every curve is computed here,
+by the functions that the service uses.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
+from io import BytesIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,7 +29,6 @@ from twin.wear.archard import pinion_share
 from twin.wear.curve import MasterCurve
 from twin.wear.profile import WornProfile
 
-PICTURES = ROOT / "docs" / "pictures"
 RECORDINGS = ROOT / "recordings"
 BLUE, ORANGE, GREEN, GREY = "#1f4e9c", "#d9730d", "#2a8c55", "#777777"
 SHADES = ("#9dbbe8", "#5f8dd3", "#1f4e9c", "#0b2350")  # light to dark: new to worn
@@ -206,27 +203,29 @@ def modulation() -> Figure:
     return drawn
 
 
+def python_figure() -> Figure:
+    """What `result.plot()` draws of the bundled campaign."""
+    import gear_twin
+
+    drawn = gear_twin.assess(RECORDINGS / "short-campaign.mcap").plot()
+    FigureCanvasAgg(drawn)
+    return drawn
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
-    "mesh": mesh,
-    "wear": wear,
-    "updating": updating,
-    "uncertainty": uncertainty,
-    "attribution": attribution,
-    "modulation": modulation,
+    "explanation-mesh": mesh,
+    "explanation-wear": wear,
+    "explanation-updating": updating,
+    "explanation-uncertainty": uncertainty,
+    "explanation-attribution": attribution,
+    "explanation-modulation": modulation,
+    "python-figure": python_figure,
 }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.explanation_figures", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(FIGURES))
-    parser.add_argument("--out", type=Path, default=PICTURES, help="folder of the pictures")
-    given = parser.parse_args()
-    unknown = [name for name in given.names if name not in FIGURES]
-    if unknown:
-        parser.error(f"no such figure: {', '.join(unknown)}; there are {', '.join(FIGURES)}")
-    for name in given.names or FIGURES:
-        FIGURES[name]().savefig(given.out / f"explanation-{name}.png", metadata={"Software": None})
-
-
-if __name__ == "__main__":
-    main()
+@cache
+def png(name: str) -> bytes:
+    """A figure as a picture."""
+    picture = BytesIO()
+    FIGURES[name]().savefig(picture, metadata={"Software": None})
+    return picture.getvalue()

@@ -3,8 +3,8 @@
     python -m benchmarks.figures [PART …]
 
 A table is enclosed by `<!-- figures: COMMAND -->` and `<!-- end of figures -->`; COMMAND begins with `python -m`. Of
-`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. `<!-- table: COMMAND -->` encloses
-Markdown, which is not put into a fence. With PARTs only the commands that contain one of them are run.
+`<!-- last figures: COMMAND -->` only what follows the last empty line is shown. With PARTs only the commands that
+contain one of them are run. Tables of the code and its figures are made with the site: docs/site/hooks.py.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 TABLE = re.compile(
-    r"<!-- (?P<kind>(?:last )?figures|table): (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL
+    r"<!-- (?P<kind>(?:last )?figures): (?P<command>python -m .+?) -->\n.*?<!-- end of figures -->", re.DOTALL
 )
 
 
@@ -53,8 +53,6 @@ def with_figures(text: str, parts: Sequence[str]) -> str:
 
 def enclosed(kind: str, command: str, said: str) -> str:
     """A table as it is written into a page."""
-    if kind == "table":
-        return f"<!-- table: {command} -->\n{said}\n<!-- end of figures -->"
     shown = said.rpartition("\n\n")[2] if kind.startswith("last") else said
     return f"<!-- {kind}: {command} -->\n```\n{shown}\n```\n<!-- end of figures -->"
 

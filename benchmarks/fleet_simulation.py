@@ -52,7 +52,6 @@ LEAST_NODES = 5  # so that a fifth of them can be lost
 SPAN = 2400.0  # simulated [s]
 LOST_AT = 1800.0  # [s]
 ASSETS_A_PLACE = 300  # of a partition, by this sizing: half of what Zenoh recovers in time
-ONE_MACHINE = 2  # cores of the machine that is judged to be enough for `gear-twin serve`
 DAY = 86_400.0  # [s]
 
 
@@ -241,23 +240,22 @@ def measured_fleet(steps: Steps, restart: tuple[float, float], commit: float) ->
     )
 
 
-def costs_of(steps: Steps, fleets: Fleets, *, traced: bool = False) -> Costs:
+def costs_of(steps: Steps, fleets: Fleets) -> Costs:
     """What the model is given."""
-    later = steps.traced_later if traced else steps.warm
     return Costs(
-        receive=fleets.own / 2, commit=fleets.own / 2, warm=later + fleets.over_step,
-        cold=later.mean() + steps.cold + fleets.over_step if traced else steps.cold + fleets.over_step,
+        receive=fleets.own / 2, commit=fleets.own / 2, warm=steps.warm + fleets.over_step,
+        cold=steps.cold + fleets.over_step,
         database=fleets.commit, close=CLOSE, asked_every=ASK_EVERY, asking=ON_THE_WAY + TICK, detect=DETECT,
         restart=fleets.restart, restart_wait=fleets.restart_wait,
     )  # fmt: skip
 
 
-def plan_of(assets: int, busy: float, period: float = PERIOD) -> Plan:
+def plan_of(assets: int, busy: float) -> Plan:
     """Partitions and nodes for so many assets, where a window costs so much processor time [s]."""
     partitions = max(4, math.ceil(assets / ASSETS_A_PLACE))
-    nodes = math.ceil(assets / period * busy / (CORES * USED))
+    nodes = math.ceil(assets / PERIOD * busy / (CORES * USED))
     return Plan(
-        assets=assets, period=period, partitions=partitions, nodes=max(nodes, 1), cores=CORES, seconds=SPAN,
+        assets=assets, period=PERIOD, partitions=partitions, nodes=max(nodes, 1), cores=CORES, seconds=SPAN,
     )  # fmt: skip
 
 

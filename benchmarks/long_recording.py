@@ -72,9 +72,9 @@ def _speed(frame: EncoderFrame) -> float:
     return (offsets.size - 1) / frame.edges_per_rev / ((offsets[-1] - offsets[0]) / NS)
 
 
-def write_long_recording(path: Path, seconds: float, source: Path = SOURCE) -> None:
+def write_long_recording(path: Path, seconds: float) -> None:
     """The source's campaign, then its last window for so many seconds of signal."""
-    with Recording(source) as recording:
+    with Recording(SOURCE) as recording:
         campaign = [at_twice_the_rate(b) for b in bursts(recording.frames(_refuse))]
         rig_text, metadata = recording.rig_text, recording.metadata
     with RecordingWriter(path, rig_text=rig_text, metadata=metadata) as writer:

@@ -96,11 +96,11 @@ def lines_of(records: Sequence[Mapping[str, Any]], truth: Mapping[str, Any], win
     return out
 
 
-def paper_campaign(recording: Path = RECORDING) -> list[Line]:
+def paper_campaign() -> list[Line]:
     """Every method, with the paper's windows and with all, with one update and with further ones."""
-    rig, every = windows_of(recording)
-    path = truth_beside(recording)
-    assert path is not None, f"{recording} has no truth beside it"
+    rig, every = windows_of(RECORDING)
+    path = truth_beside(RECORDING)
+    assert path is not None, f"{RECORDING} has no truth beside it"
     truth = read_truth(path)
     out = []
     for name, windows in (("paper's", papers_windows(every, rig)), ("all", every)):

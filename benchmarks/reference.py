@@ -3,7 +3,7 @@
     python -m benchmarks.reference commands | settings | rig | rest | json | answers | units | client | plant | opcua
         | metrics | loops | states
 
-`python -m benchmarks.figures reference` writes them into the pages.
+The documentation site shows them in the pages (docs/site/hooks.py).
 """
 
 from __future__ import annotations

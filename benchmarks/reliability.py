@@ -2,7 +2,7 @@
 
     python -m benchmarks.reliability histories [--number N] [--picture]
     python -m benchmarks.reliability campaigns [--folder DIR] [--set judge|fresh|shared …] [--only TEXT …] [--each N]
-                                               [--spreads N] [--processes N] [--picture]
+                                               [--spreads N] [--processes N]
 
 `campaigns` reads recordings with truth, traced, and takes the depth of every worn window, and the life to two depths:
 that which the machine has at twice the revolutions (half-life), and at 1/0.9 of them (near the end). `histories` draws
@@ -92,8 +92,6 @@ def measured(given: argparse.Namespace) -> int:
     print("\n".join(table(established, lambda r: f"{r.what}, {r.group}, {r.kind}")))
     print("\npreliminary figures")
     print("\n".join(table([r for r in rows if r.preliminary], lambda r: f"{r.what}, {r.group}")))
-    if given.picture:
-        picture(established, PICTURES / "reliability-campaigns.png")
     return 0
 
 
@@ -103,6 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     drawn_ones = commands.add_parser("histories")
     drawn_ones.add_argument("--number", type=int, default=400, metavar="N", help="judged, of each class")
     drawn_ones.add_argument("--tuned", action="store_true", help="those tuned on as well")
+    drawn_ones.add_argument("--picture", action="store_true", help="draw the reliability diagram into docs/pictures")
     drawn_ones.set_defaults(run=histories)
     recorded = commands.add_parser("campaigns")
     recorded.add_argument(
@@ -114,8 +113,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     recorded.add_argument("--spreads", type=float, default=1.0, help="times the usual spreads of the machines")
     recorded.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     recorded.set_defaults(run=measured)
-    for command in (drawn_ones, recorded):
-        command.add_argument("--picture", action="store_true", help="draw the reliability diagram into docs/pictures")
     given = parser.parse_args(arguments)
     return int(given.run(given))
 

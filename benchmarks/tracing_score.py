@@ -202,12 +202,6 @@ class Traced:
         missing = self.kind not in ("clean", "life", "wear", "ramp") and not self.right
         return self.verdict == "explained" and (missing or bool(self.false))
 
-    @property
-    def onset_errors(self) -> tuple[float, ...]:
-        """Of every onset within the campaign that was stated: the error over the window spacing it can be known to."""
-        pairs = zip(self.onset_true, self.onset_said, strict=True)
-        return tuple(said - true for true, said in pairs if said is not None and true)
-
     def depth_error(self, when: str) -> float | None:
         """|error| of the depth at the last window [µm], `before` or `after` tracing."""
         said = getattr(self, f"depth_{when}")

@@ -19,12 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-StorageFault = Literal[
-    "no space", "read-only", "locked", "connection lost", "input or output", "damaged", "another release"
-]
+StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output", "damaged"]
 """What keeps storage from being used: `locked` also where it did not answer in time, `damaged` where one asset's state
-has to be brought back from a backup before its windows can be kept, `another release` where tables of a fleet are still
-those of an earlier one."""
+has to be brought back from a backup before its windows can be kept."""
 
 
 class ServiceError(Exception):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import random
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
+from service.stream.sources.mcap import RawFrame
 from service.stream.wire.topics import Channel
 
 ASSET = "rig-1"
@@ -82,3 +85,21 @@ def content(windows) -> list:
         )
         for window in windows
     ]
+
+
+def twice(frames: Iterable[RawFrame]) -> Iterator[RawFrame]:
+    """Every frame two times in a row."""
+    for frame in frames:
+        yield frame
+        yield frame
+
+
+def shuffled(frames: Iterable[RawFrame], horizon: int, seed: int = 0) -> Iterator[RawFrame]:
+    """Frames in disorder: each taken at random from the next `horizon`."""
+    rng, waiting = random.Random(seed), []
+    for frame in frames:
+        waiting.append(frame)
+        if len(waiting) >= horizon:
+            yield waiting.pop(rng.randrange(len(waiting)))
+    rng.shuffle(waiting)
+    yield from waiting

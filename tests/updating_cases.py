@@ -1,12 +1,13 @@
 """Windows as the model itself would make them, for tests of the estimators' algebra."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from tests.dynamics_cases import PRIOR, RIG, TEN, model
 from twin.features.window_features import MeasuredLines, WindowFeatures
-from twin.model import Calibration, Condition, Model
+from twin.model import Condition, Model
 from twin.wear.curve import LINES, MasterCurve
 
 TEETH = RIG.teeth[0]
@@ -77,5 +78,5 @@ def seen(
 
 def machine(**changes: float) -> Model:
     """The reference machine with other calibrated values, relative to the rig file's."""
-    values = PRIOR.to_dict()
-    return Model.of(RIG, Calibration.from_dict({k: v * changes.get(k, 1.0) for k, v in values.items()}))
+    values = {name: getattr(PRIOR, name) * factor for name, factor in changes.items()}
+    return Model.of(RIG, replace(PRIOR, **values))

@@ -234,7 +234,7 @@ def _doubt(points: Points, curve: MasterCurve, std: float) -> float:
 
 
 def _point_of_track(memory: Memory, curve: MasterCurve, base: float) -> WearPoint:
-    """The track as one window, where the windows themselves were not kept by an earlier version."""
+    """The track as one window, where no window had a depth with a known uncertainty."""
     track = memory.track
     depth = max(curve.depth_at(track.work - base), curve.start_depth)
     shared = DEPTH.model_scatter[0] * track.work

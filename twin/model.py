@@ -6,8 +6,7 @@ steady = model.steady(profile, condition)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import pi
 
@@ -60,13 +59,6 @@ class Calibration:
             "wear.contact_half_width",
         )
         return cls(stiffness_scale=scale, modal_damping=ζ, damping_time=τ, contact_half_width=a)
-
-    def to_dict(self) -> dict[str, float]:
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, float]) -> Calibration:
-        return cls(**values)
 
 
 Table = tuple[tuple[float, ...], tuple[float, ...]]

@@ -41,6 +41,7 @@ from twin.updating.running_time import Marks
 from twin.verdict_window import Rhythm
 
 SCHEMA_VERSION = 2
+VERSION = "schema_version"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,52 +107,17 @@ class State:
 
     def to_dict(self) -> dict[str, Any]:
         """The state as JSON-safe data."""
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "windows_seen": self.windows_seen,
-            "recent": to_plain(self.recent),
-            "latest": to_plain(self.latest),
-            "levels": to_plain(self.levels),
-            "residual_records": to_plain(self.residual_records),
-            "tracing": self.tracing.to_dict(),
-            "fallen": to_plain(self.fallen),
-            "inspections": to_plain(self.inspections),
-            "running": to_plain(self.running),
-            "count": to_plain(self.count),
-            "counted": self.counted,
-            "outdated": dict(self.outdated),
-            "history": to_plain(self.history),
-            "rhythm": to_plain(self.rhythm),
-            "learned_levels": to_plain(self.learned_levels),
-            "held": to_plain(self.held),
-        }
+        return {VERSION: SCHEMA_VERSION, **to_plain(self)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> State:
-        """The state from what `to_dict` gave, in this version; ParameterError for any other."""
+        """The state from what `to_dict` gave, in this version; ParameterError for another, Misfit for damaged data."""
         if not isinstance(data, Mapping):
             raise ParameterError(f"a state of the twin is a mapping with a schema_version, not {data!r:.60}")
-        version = data.get("schema_version")
+        version = data.get(VERSION)
         if version != SCHEMA_VERSION:
             raise ParameterError(
                 f"the state has schema version {version!r}, this program reads {SCHEMA_VERSION}: "
                 "it was written by another gear-twin, or is not a state of the twin"
             )
-        return cls(
-            windows_seen=int(data["windows_seen"]),
-            recent=from_plain(tuple[WindowResidual, ...], data["recent"]),
-            latest=from_plain(LatestParts, data["latest"]),
-            levels=from_plain(Mapping[str, LevelReading], data["levels"]),
-            residual_records=from_plain(Records, data["residual_records"]),
-            tracing=Tracing.from_dict(data["tracing"]),
-            fallen=from_plain(FallenCount | None, data["fallen"]),
-            inspections=from_plain(tuple[Inspection, ...], data["inspections"]),
-            running=from_plain(Marks, data["running"]),
-            count=from_plain(CountOffset, data["count"]),
-            counted=data["counted"],
-            outdated=dict(data["outdated"]),
-            history=from_plain(History, data["history"]),
-            rhythm=from_plain(Rhythm, data["rhythm"]),
-            learned_levels=from_plain(Levels, data["learned_levels"]),
-            held=from_plain(HeldLevel, data["held"]),
-        )
+        return from_plain(cls, {name: item for name, item in data.items() if name != VERSION})

@@ -1,10 +1,9 @@
-"""What the engine remembers of an asset from window to window: plain data, kept by the store as JSON."""
+"""What the engine remembers of an asset from window to window: kept by the store as JSON (`twin/serial.py`)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 AlarmLevel = Literal["watch", "alarm"]
 LEVELS: tuple[AlarmLevel, ...] = ("watch", "alarm")
@@ -61,27 +60,6 @@ class Memory:
         """Lets the quantity be judged afresh, as after a person has cleared its alarm; what was learned stays."""
         if key in self.keys:
             self.keys[key].levels = {name: LevelMemory() for name in LEVELS}
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON data."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any] | None) -> Memory:
-        """From what `to_dict` gave; an empty one from None. Earlier versions kept no index of the window."""
-        if stored is None:
-            return cls()
-        keys = {
-            key: KeyMemory(
-                rule=given["rule"],
-                quantity=given["quantity"],
-                place=given["place"],
-                levels={name: LevelMemory(**given["levels"][name]) for name in LEVELS},
-                learned=[LearnedPoint(**point) for point in given["learned"]],
-            )
-            for key, given in stored["keys"].items()
-        }
-        return cls(window=stored.get("window"), keys=keys)
 
 
 def key_of(rule: str, place: str) -> str:

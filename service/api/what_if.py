@@ -36,7 +36,7 @@ def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
         return problem(request, 409, f"no window of {asset} has been assessed yet")
     try:
         rig, state = checked_rig(snapshot.rig, f"rig of {asset}"), State.from_dict(stored.state)
-    except (InputError, TwinError, LookupError, TypeError, ValueError) as reason:
+    except (InputError, TwinError, ValueError) as reason:
         return problem(request, 409, f"what is stored of {asset} cannot be used for this: {reason}")
     if not PLACES.acquire(blocking=False):
         detail = "several such questions are being answered; ask again in a minute"

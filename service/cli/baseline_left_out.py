@@ -42,7 +42,7 @@ def false_alarms(found: Mapping[str, Any]) -> str:
 
 
 def raw_sentence(raw: Mapping[str, Any] | None) -> str:
-    """The limit on raw RMS and kurtosis beside a verdict; empty where an older answer has none."""
+    """The limit on raw RMS and kurtosis beside a verdict; empty where nothing was compared."""
     if raw is None:
         return ""
     if raw["not_compared"]:

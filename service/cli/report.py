@@ -9,7 +9,6 @@ from typing import Any
 
 from service.cli.answer import answer_text
 from service.cli.diagnosis import sentence
-from service.contract.base import not_available
 from service.errors import InputError
 from service.files.rig import load_mapping
 from service.stream.sources.mcap import Recording
@@ -23,13 +22,11 @@ def load_answer(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not an answer of gear-twin assess --json: {error}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
-    needed = ("asset", "windows", "wear", "rul", "effects", "data_quality")
+    needed = ("asset", "windows", "wear", "rul", "effects", "data_quality", "tracing", "unexplained")
     missing = [key for key in needed if key not in answer] if isinstance(answer, dict) else list(needed)
     if missing:
         raise InputError(f"{path}: not an answer of gear-twin assess --json: {', '.join(missing)} missing")
-    # what answers of before the tracing do not have
-    unknown = not_available("the answer was written without it")
-    return {"tracing": unknown, "unexplained": unknown} | answer
+    return dict(answer)
 
 
 def text_report(answer: Mapping[str, Any]) -> str:

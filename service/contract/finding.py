@@ -48,13 +48,13 @@ def sentence(text: str) -> str:
 MOST_WORDS = 25  # of a state's summary
 
 
-def shortened(text: str, most: int = MOST_WORDS) -> str:
+def shortened(text: str) -> str:
     """A sentence of at most so many words: the text up to the last of its clauses that ends within them."""
     words = text.split()
-    if len(words) <= most:
+    if len(words) <= MOST_WORDS:
         return text
-    kept = words[:most]
+    kept = words[:MOST_WORDS]
     ends = [i for i, word in enumerate(kept, 1) if word.endswith((".", ";", ":", ","))]
-    if ends and ends[-1] >= most // 3:
+    if ends and ends[-1] >= MOST_WORDS // 3:
         return sentence(" ".join(kept[: ends[-1]]).rstrip(".;:,"))
     return f"{' '.join(kept[:-1])} …"

@@ -41,7 +41,6 @@ WAIT = "Send the first measurement window: nothing can be said of the machine be
 WAIT_ON = "Wait until the windows that have come are assessed: nothing needs to be sent."
 REPAIR_WORKERS = "Look into the log of the service: what has been received is kept, and assessed once a worker lives."
 MOST_BEHIND = 3  # machines that are named
-RENEW = "Send a new measurement window: it renews the figures."
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
 CHECK = "Check the data before the machine is judged"
 
@@ -330,7 +329,7 @@ def not_stored(unstored: tuple[str, str] | None) -> tuple[Added, ...]:
 def _with(status: Mapping[str, Any], added: Sequence[Added], records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     stored, before = status.get("verdict"), status["level"]
     verdict = None if stored is None else Verdict.model_validate(stored).with_records(records)
-    own = tuple(f for f in _findings_in(status) if f.subject != SUBJECT)
+    own = tuple(f for f in map(Finding.model_validate, status["findings"]) if f.subject != SUBJECT)
     normal = status["reasons"][0] if before == "normal" and status["reasons"] else NORMAL_REASON
     basis = Basis(findings=(*own, *(a.finding for a in added)), normal=normal, verdict=verdict)
     now = made_of(basis).as_json()
@@ -339,17 +338,6 @@ def _with(status: Mapping[str, Any], added: Sequence[Added], records: Sequence[M
         began = next((a.since for a in added if a.finding.level == now["level"]), None)
         since = None if began is None else Since(time=began, revolutions=None).as_json()
     return {**status, **now, "since": since}
-
-
-def _findings_in(status: Mapping[str, Any]) -> list[Finding]:
-    """The findings of a report; those of a report without any (of an earlier version) are made of its reasons."""
-    kept = status.get("findings")
-    if kept is not None:
-        return [Finding.model_validate(finding) for finding in kept]
-    if status["level"] == "normal":
-        return []
-    action = status.get("action") or RENEW
-    return [Finding(subject="report", level=status["level"], reason=r, action=action) for r in status["reasons"]]
 
 
 def _data_finding(data: DataStatus) -> Added:

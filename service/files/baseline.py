@@ -46,7 +46,7 @@ from twin.baseline.comparison import (
 )
 from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline
-from twin.baseline.leaving_out import learn, repeats_of
+from twin.baseline.leaving_out import learn
 from twin.baseline.modulation import against_baseline
 from twin.baseline.off_lines import OffLines
 from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, SpacingSeen, WindowReading, common_period
@@ -299,17 +299,16 @@ def read_baseline(path: Path) -> Baseline:
                 raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}")
             readings = tuple(_reading(archive, i, values) for i, values in enumerate(header["readings"]))
             std = {name.partition("/")[2]: archive[name] for name in archive.files if name.startswith("std/")}
-            baseline = Baseline(
+            return Baseline(
                 rig=checked_rig(header["rig"], f"{path}: its rig"),
                 shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
                 readings=readings,
                 std=std,
                 path_scatter=header["path_scatter"],
-                not_learned=tuple(_not_learned(one) for one in header.get("not_learned", ())),
-                copies=tuple(header.get("copies", ())),
+                not_learned=tuple(_not_learned(one) for one in header["not_learned"]),
+                copies=tuple(header["copies"]),
+                repeats=_repeats(header["repeats"]),
             )
-            given = header.get("repeats")  # files of earlier versions have none
-            return replace(baseline, repeats=repeats_of(baseline) if given is None else _repeats(given))
     except InputError:
         raise
     except OSError as error:
@@ -337,7 +336,7 @@ def _off_lines(values: np.ndarray, header: dict[str, Any]) -> OffLines:
     return OffLines(
         names=tuple(header["names"]),
         values=values,
-        tones=tuple(header.get("tones", ())),
+        tones=tuple(header["tones"]),
         **{key: float(header[key]) for key in ("free_order", "clipped", "constant")},
     )
 
@@ -353,6 +352,6 @@ def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:
         )
         for name, level in rms.items()
     }
-    raw = {name: (float(rms), float(kurtosis)) for name, (rms, kurtosis) in values.pop("raw", {}).items()}
-    spacings = tuple(SpacingSeen(order=one["order"], clearness=one["clearness"]) for one in values.pop("spacings", ()))
+    raw = {name: (float(rms), float(kurtosis)) for name, (rms, kurtosis) in values.pop("raw").items()}
+    spacings = tuple(SpacingSeen(order=one["order"], clearness=one["clearness"]) for one in values.pop("spacings"))
     return WindowReading(channels=channels, raw=raw, spacings=spacings, **values)

@@ -14,7 +14,7 @@ import ray
 
 from service.errors import NewerTables, StoreError
 from service.fleet.layout import Layout
-from service.fleet.partition import of_this_release, serve_partition
+from service.fleet.partition import serve_partition
 from service.fleet.search_task import search
 from service.fleet.searches import Search, Submit
 from service.logs import logging_by
@@ -39,7 +39,7 @@ class PartitionActor:
         self._partition = partition
         self._stop = threading.Event()
         self._ended = False  # on demand
-        given = of_this_release(settings), partition, layout, twin_from
+        given = settings, partition, layout, twin_from
         self._thread = threading.Thread(target=self._serve, args=given, name="partition", daemon=True)
         self._thread.start()
 

@@ -23,7 +23,6 @@ from service.fleet.fence import ABANDONED, Fence, Fenced, lock
 from service.fleet.layout import Layout, expect_revision, schema_of, separate_numbers
 from service.fleet.naming import named
 from service.fleet.notices import ASSET, announce
-from service.fleet.releases import expect_tables
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.commit_marks import Mark
 from service.results.database import Database
@@ -158,7 +157,6 @@ class SharedTables(Postgresql):
     def begun(self, db: Connection) -> None:
         expect_revision(db)
         lock(db, self.partition)
-        expect_tables(db, self.partition)
 
     def named(self, db: Connection, asset: str, name: str) -> None:
         """An asset that a front end has made is the worker's from now on."""

@@ -159,14 +159,6 @@ def _name(partition: int) -> str:
     return f"partition-{partition:03d}"
 
 
-def _answered(reference: Any) -> bool:
-    try:
-        ray.get(reference, timeout=0)
-    except RayError:
-        return False
-    return True
-
-
 def _close(node: EngineNode, address: str) -> None:
     """Lets the engine place nothing on a node any more."""
     command = [

@@ -68,7 +68,7 @@ class Fence:
     def take(self, db: Connection) -> int:
         """Takes the partition from whoever has it, within a transaction; the token.
 
-        Raises NewerTables or StorageUnavailable where the fleet's tables are of another release.
+        Raises StoreError where the fleet's tables are of another release.
         """
         expect_revision(db)
         db.execute(_END_OTHERS, {"named": f"{named(self.partition)} %", "own": self.application})

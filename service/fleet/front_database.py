@@ -7,7 +7,6 @@ among the transactions of the partition's worker.
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -20,15 +19,11 @@ import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, Executable, MetaData, Select, Table
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.errors import StorageUnavailable
 from service.fleet.databases import Partitions, SharedTables
-from service.fleet.layout import PRESENT, SCHEMA, expect_revision, refuse_other_fleet, schema_of
-from service.fleet.releases import refuse_other, revisions
+from service.fleet.layout import PRESENT, SCHEMA, expect_revision, refuse_other, schema_of
 from service.results.backends import Postgresql
 from service.results.database import Database
 from service.results.schema import METADATA
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -141,7 +136,6 @@ class FleetDatabase:
     def __init__(self, database: str, partitions: int) -> None:
         self._partitions, self._present = Partitions(database, partitions), Present()
         self._opened: dict[int, SchemaDatabase] = {}
-        self._other: dict[int, StorageUnavailable] = {}  # by partition: why its tables cannot be used now
         self._lock = threading.Lock()
         own = self._partitions
         tables = FleetTables(own.backend(0).url, readers=own.readers, writers=own.writers)
@@ -157,29 +151,9 @@ class FleetDatabase:
         """How many partitions there are."""
         return self._partitions.count
 
-    @property
-    def usable(self) -> list[int]:
-        """The partitions whose tables are of this release."""
-        return [number for number in range(self.count) if number not in self._other]
-
     def look(self) -> None:
-        """Which partitions have tables of another release: what is asked of them is refused with the reason."""
-        refuse_other_fleet(self.shared.rows(PRESENT)[0][0])
-        found = {}
-        for number, revision in self.shared.rows(revisions(self.count)):
-            try:
-                refuse_other(number, revision)
-            except StorageUnavailable as error:
-                found[number] = error
-                if number not in self._other:
-                    log.warning("%s; its assets are answered for later", error)
-        self._other = found
-
-    def expect(self, number: int) -> None:
-        """StorageUnavailable where the tables of a partition are of another release."""
-        error = self._other.get(number)
-        if error is not None:
-            raise StorageUnavailable(str(error), reason=error.reason)
+        """StoreError where the fleet's tables are of another release."""
+        refuse_other(self.shared.rows(PRESENT)[0][0])
 
     def partition(self, number: int) -> SchemaDatabase:
         """The tables of one partition."""
@@ -191,13 +165,11 @@ class FleetDatabase:
             return found
 
     def rows_of_all(self, table: Table, query: Callable[[Table], Select], first: int | None = None) -> list[Any]:
-        """The rows that a query of one table answers for every partition that can be used, in one query.
+        """The rows that a query of one table answers for every partition, in one query.
 
         first  so many with the lowest `id`; None for all
         """
-        if not self.usable:
-            return []
-        found = sa.union_all(*(query(tables_of(number)[table.name]) for number in self.usable))
+        found = sa.union_all(*(query(tables_of(number)[table.name]) for number in range(self.count)))
         if first is None:
             return self.shared.rows(found)
         chosen = found.subquery("chosen")

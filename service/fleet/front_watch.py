@@ -84,7 +84,7 @@ class FrontWatch(threading.Thread):
         return together([partition.figures for partition in self._partitions if partition.served])
 
     def look(self) -> None:
-        """Reads who serves the partitions, and whether their tables are of this release."""
+        """Reads who serves the partitions, and whether the fleet's tables are of this release."""
         self._fleet.look()
         rows = self._fleet.shared.rows(_PARTITIONS)
         self._partitions = [

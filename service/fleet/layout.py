@@ -10,9 +10,7 @@ is in the same partition as that (`naming.py`). The number of partitions is fixe
 The numbers that a partition's tables give out differ from those of every other partition, so that a decision or an
 inspection is found by its number alone.
 
-The tables of a partition are brought to a newer release by the first worker of that release which takes it. Those of
-`fleet` are brought there by `create`, that is by `gear-twin fleet up`; older workers and front ends write nothing from
-then on, newer ones wait until then.
+All tables of a fleet are of one revision. Workers and front ends of a program with another one write nothing.
 
 The keys of a partition's assets begin with `fleet/`, its number and the prefix: a worker subscribes to nothing else. A
 fleet of one partition has nothing to tell apart and uses the prefix as it is, so that what publishes to `serve`
@@ -21,7 +19,7 @@ publishes to it as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any
@@ -30,8 +28,8 @@ import sqlalchemy as sa
 from sqlalchemy import BigInteger, Boolean, Column, Connection, Index, Integer, LargeBinary, MetaData, Table, Text
 from sqlalchemy.dialects import postgresql
 
-from service.errors import NewerTables, StorageUnavailable, StoreError
-from service.results.schema import AUDIT
+from service.errors import NewerTables, StoreError
+from service.results.schema import AUDIT, REVISION
 from service.results.schema import COMMITS as LAST_COMMITS
 from service.stream.wire.topics import PREFIX
 
@@ -40,7 +38,7 @@ MOST_PARTITIONS = 1000
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
 
-REVISION = "revision"  # the fact that says how far the tables below are
+REVISED = "revision"  # the fact that says of which revision all tables of the fleet are
 
 SERVER_NOW = sa.cast(sa.func.extract("epoch", sa.func.clock_timestamp()) * 1_000_000_000, BigInteger)
 """Unix time by the server's clock [ns], the same for all machines."""
@@ -100,34 +98,8 @@ CURVES = Table(
 )
 AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 COMMITS = LAST_COMMITS.to_metadata(METADATA, schema=SCHEMA)
-PRESENT = sa.select(sa.cast(FACTS.c.value, Integer)).where(FACTS.c.name == REVISION)  # revision of the tables
-_HELD, _SHARED = PRESENT.with_for_update(), PRESENT.with_for_update(read=True)
-
-
-def _names(db: Connection) -> None:
-    """To revision 2: kept curves, last commits, and the names of assets that are not where they hash to, or were."""
-    curves = "asset text, name text, data bytea NOT NULL, PRIMARY KEY (asset, name)"
-    db.exec_driver_sql(f"CREATE TABLE IF NOT EXISTS {SCHEMA}.curves ({curves})")
-    db.exec_driver_sql(f"CREATE TABLE {SCHEMA}.names (name text PRIMARY KEY, partition integer NOT NULL)")
-    commits = "writer text PRIMARY KEY, number bigint NOT NULL, written_ns bigint NOT NULL"
-    db.exec_driver_sql(f"CREATE TABLE IF NOT EXISTS {SCHEMA}.commits ({commits})")
-    count = int(db.exec_driver_sql(f"SELECT value FROM {SCHEMA}.facts WHERE name = 'partitions'").scalar_one())
-    rows = db.exec_driver_sql(f"SELECT asset, partition FROM {SCHEMA}.assets")
-    found: dict[str, int] = {name: number for name, number in rows if number != partition_of(name, count)}
-    for partition in range(count):
-        if sa.inspect(db).has_table("routes", schema=schema_of(partition)):
-            streams = db.exec_driver_sql(f"SELECT stream FROM {schema_of(partition)}.routes").scalars()
-            found |= dict.fromkeys(streams, partition)
-    for name, partition in found.items():
-        given = {"name": name, "partition": partition}
-        db.execute(sa.text(f"INSERT INTO {SCHEMA}.names (name, partition) VALUES (:name, :partition)"), given)
-
-
-STEPS: tuple[Callable[[Connection], object], ...] = (_names,)
-"""What brings the tables of `fleet` to the next revision: the first from revision 1 to 2, and so on.
-
-A step changes tables as they were then, by statements of its own, since the tables above are the newest.
-"""
+PRESENT = sa.select(FACTS.c.value).where(FACTS.c.name == REVISED)  # revision of the tables
+_SHARED = PRESENT.with_for_update(read=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +137,9 @@ def schema_of(partition: int) -> str:
 
 
 def create(engine: sa.Engine, partitions: int) -> Layout:
-    """Makes the tables of all, or finds them and brings them to this release; the layout.
+    """Makes the tables of all, or finds them; the layout.
 
-    Raises StoreError where the fleet was created with another number of partitions, or by a newer program.
+    Raises StoreError where the fleet was created with another number of partitions, or by another program.
     """
     if not 1 <= partitions <= MOST_PARTITIONS:
         raise StoreError(f"partitions = {partitions} must be from 1 to {MOST_PARTITIONS}")
@@ -180,63 +152,51 @@ def create(engine: sa.Engine, partitions: int) -> Layout:
         if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
             METADATA.create_all(db)
             db.execute(sa.insert(FACTS), [{"name": "partitions", "value": str(partitions)}])
-            db.execute(sa.insert(FACTS), [{"name": REVISION, "value": str(revision())}])
+            db.execute(sa.insert(FACTS), [{"name": REVISED, "value": REVISION}])
             db.execute(sa.insert(PARTITIONS), [{"number": number} for number in range(partitions)])
             return Layout(partitions)
         facts = _facts(db)
-        present = int(facts[REVISION])
-        _refuse_newer(present)
+        refuse_other(facts[REVISED])
         layout = Layout(int(facts["partitions"]))
         if layout.partitions != partitions:
             raise StoreError(
                 f"partitions = {partitions}: this fleet was created with {layout.partitions}, and the number stays, "
                 "because the assets are divided by it; leave the setting out, or set it to that number"
             )
-        if present < revision():
-            _upgrade(db, present)
         return layout
 
 
-def revision() -> int:
-    """The revision of the tables of `fleet` that this program knows."""
-    return 1 + len(STEPS)
-
-
-def _upgrade(db: Connection, present: int) -> None:
-    """Brings the tables of `fleet` to this program's revision, and takes all partitions from older workers."""
-    db.execute(_HELD)
-    db.execute(sa.text(f"UPDATE {SCHEMA}.{PARTITIONS.name} SET token = token + 1"))  # no column that a step adds
-    for step in STEPS[present - 1 :]:
-        step(db)
-    db.execute(sa.update(FACTS).where(FACTS.c.name == REVISION).values(value=str(revision())))
-
-
 def expect_revision(db: Connection) -> None:
-    """At the begin of a transaction that writes: the tables of `fleet` are, and stay until its end, of this revision.
-
-    Raises NewerTables where a newer program has upgraded them, StorageUnavailable where they are yet to be upgraded.
-    """
-    found = db.execute(_SHARED).scalar()
-    if found is None:
-        raise StoreError("the database holds no fleet")
-    refuse_other_fleet(found)
+    """At the begin of a transaction that writes: the fleet's tables are, and stay until its end, of this revision."""
+    refuse_other(db.execute(_SHARED).scalar())
 
 
-def layout_of(engine: sa.Engine, *, older: bool = False) -> Layout | None:
-    """The layout of a fleet; None where the database holds none.
-
-    Raises NewerTables where its tables are of a newer program, StorageUnavailable where they are of an older one.
-
-    older  whether tables of an older program will do, since they are going to be upgraded
-    """
+def layout_of(engine: sa.Engine) -> Layout | None:
+    """The layout of a fleet; None where the database holds none. StoreError where another program made it."""
     with engine.connect() as db:
         if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
             return None
         facts = _facts(db)
     if not facts:
         return None
-    (_refuse_newer if older else refuse_other_fleet)(int(facts[REVISION]))
+    refuse_other(facts[REVISED])
     return Layout(int(facts["partitions"]))
+
+
+def refuse_other(present: str | None) -> None:
+    """StoreError where a fleet's tables are not of this program's revision; NewerTables where a newer one made them."""
+    if present is None:
+        raise StoreError("the database holds no fleet")
+    if int(present) > int(REVISION):
+        raise NewerTables(
+            f"the fleet's tables have revision {present}, this program knows up to {REVISION}: they were written by a "
+            "newer gear-twin, and this one writes nothing; install that release here, too"
+        )
+    if present != REVISION:
+        raise StoreError(
+            "the fleet's tables are from before the first release, which no program reads any more: begin with an "
+            "empty database, and assess the recordings anew (gear-twin replay)"
+        )
 
 
 def separate_numbers(db: Connection, partition: int, partitions: int) -> None:
@@ -258,22 +218,3 @@ def separate_numbers(db: Connection, partition: int, partitions: int) -> None:
 
 def _facts(db: Connection) -> dict[str, str]:
     return {name: value for name, value in db.execute(sa.select(FACTS.c.name, FACTS.c.value))}
-
-
-def _refuse_newer(present: int) -> None:
-    if present > revision():
-        raise NewerTables(
-            f"the fleet's tables have revision {present}, this program knows up to {revision()}: they were written "
-            "by a newer gear-twin, and this one writes nothing; install that release here, too"
-        )
-
-
-def refuse_other_fleet(present: int) -> None:
-    """NewerTables or StorageUnavailable where the tables of `fleet` have another revision than this program's."""
-    _refuse_newer(present)
-    if present < revision():
-        raise StorageUnavailable(
-            f"the fleet's tables have revision {present}, this program needs {revision()}: gear-twin fleet up of this "
-            "release brings them there",
-            reason="another release",
-        )

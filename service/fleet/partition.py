@@ -58,12 +58,6 @@ def leave_at_once() -> None:
     os._exit(FENCED)
 
 
-def of_this_release(settings: Settings) -> Settings:
-    """Settings that another release may have handed over: what that did not know has its default."""
-    known = {name: value for name, value in vars(settings).items() if name in Settings.model_fields}
-    return Settings.model_construct(**known)
-
-
 def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
     """The settings of one partition: its keys, its folder, and one process that computes."""
     return settings.model_copy(

@@ -59,7 +59,7 @@ def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda d
             raise InputError(f"setting {bridge}: a fleet has no bridges to other networks; gear-twin serve has them")
     with reached(database):
         engine = engine_of(database, poolclass=sa.NullPool)
-        known = layout_of(engine, older=True)
+        known = layout_of(engine)
         wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
         layout = create(engine, wanted)
         for partition in layout.all:

@@ -223,9 +223,5 @@ STORAGE: dict[str, Named] = {
         "the stored state of an asset is not what was written",
         "`gear-twin check`, then restore a backup.",
     ),
-    "another release": Named(
-        "tables of a fleet are those of another release",
-        "Start `gear-twin fleet up` of the newer release, and let its workers take the partitions; upgrade front ends.",
-    ),
 }
 """By cause of storage that cannot be used, in `/readyz`, the log, and `storage` of an asset."""

@@ -32,8 +32,7 @@ function routeOf(hash) {
   if (parts[0] === "asset" && parts[1]) return { asset: parts[1], view: parts[2] ?? "" };
   if (parts[0] === "alarms" && parts.length === 1 && hash.startsWith("#/")) return { asset: null, view: "alarms" };
   if (parts[0] === "" && parts.length === 1) return { asset: null, view: "" };
-  // addresses of earlier versions: #NAME
-  return parts.length === 1 ? { asset: parts[0], view: "" } : { asset: null, view: "", wrong: hash };
+  return { asset: null, view: "", wrong: hash };
 }
 
 function decode(text) {

@@ -22,6 +22,7 @@ from service.printable import all_printable
 from service.results.json_columns import dump, salvage
 from service.results.schema import ALARM_HISTORY, ALARM_MEMORY, ALARM_RULES, ALARMS, ASSETS, WEBHOOK_OUTBOX
 from service.results.store import Tables
+from twin.serial import from_plain, to_plain
 
 MOST_HISTORY = 200  # entries of one alarm that are answered
 
@@ -105,7 +106,7 @@ class AlarmStore:
         """Keeps what the engine remembers."""
         with self._database.transaction() as db:
             self._database.ensure(db, asset)
-            db.execute(self._keep_memory, {"asset": asset, "memory": dump(memory.to_dict())})
+            db.execute(self._keep_memory, {"asset": asset, "memory": dump(to_plain(memory))})
 
     # -- alarms --------------------------------------------------------------------------------------
 
@@ -240,7 +241,8 @@ class AlarmStore:
 
 
 def _memory_of(asset: str, kept: bytes | None) -> Memory:
-    return Memory.from_dict(salvage(kept, f"what the alarms remember of {asset}"))
+    stored = salvage(kept, f"what the alarms remember of {asset}")
+    return Memory() if stored is None else from_plain(Memory, stored)
 
 
 def _read(name: str, number: int, record: bytes) -> dict[str, Any] | None:

@@ -16,7 +16,6 @@ from typing import Any
 from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, or_, select, update
 
 from service.contract.trend import figures
-from service.contract.version_1 import current_record, current_report
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results import fault_totals
@@ -239,8 +238,6 @@ class SqlStore:
             say_damage(DamageError(f"the counts of {asset} are damaged"))
         if VITAL & set(damaged):
             self._damaged[asset] = f"{' and '.join(damaged)} of {asset} cannot be read from the database any more"
-        if parts["report"] is not None:
-            parts["report"] = current_report(parts["report"])
         return StoredAsset(
             asset=asset,
             label=row["label"],
@@ -316,7 +313,7 @@ class SqlStore:
             except DamageError as error:
                 say_damage(error)
                 continue
-            windows.append(StoredWindow(start_ns=start_ns, record=current_record(kept), figures=figures_))
+            windows.append(StoredWindow(start_ns=start_ns, record=kept, figures=figures_))
         return tuple(windows)
 
     def _counts(self, db: Connection, asset: str) -> dict[str, Any]:

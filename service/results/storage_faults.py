@@ -86,5 +86,5 @@ def _meaning(error: BaseException) -> tuple[StorageFault | None, bool]:
 
 
 def is_away(error: BaseException) -> bool:
-    """Whether the database's server does not answer now, or its tables are yet to be brought to this release."""
-    return isinstance(error, StorageUnavailable) and error.reason in ("connection lost", "another release")
+    """Whether the database's server does not answer now."""
+    return isinstance(error, StorageUnavailable) and error.reason == "connection lost"

@@ -163,8 +163,8 @@ def carry_out(call: Call) -> Made:
             state = call.twin.load_state(data) if data else call.twin.new_state()
         except TwinError as error:
             return Made(unreadable=f"{error}: {OTHER_VERSION}")
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
-            return Made(unreadable=f"{type(error).__name__}: {error}: {DAMAGED}")
+        except ValueError as error:
+            return Made(unreadable=f"{error}: {DAMAGED}")
         call = replace(call, state=state)
     given = call.ask.about
     window = {"window": iso_time(given.start_ns)} if isinstance(given, WindowToUse) else {}

@@ -48,7 +48,8 @@ class StoredState:
 
     def to_dict(self) -> Mapping[str, Any]:
         """The state's data."""
-        return self._read() or {}
+        state = self._read()
+        return {} if state is None else state  # not by its truth, for which a text would be parsed
 
     def pack(self) -> PackedState:
         """The state as it is sent."""

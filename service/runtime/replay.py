@@ -5,7 +5,6 @@ Every frame is stored by the service or the replay fails, and says how many are 
 
 from __future__ import annotations
 
-import random
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -39,24 +38,6 @@ def paced(frames: Iterable[RawFrame], speed: float, max_pause: float = float("in
         newest = frame.log_time_ns if newest is None else max(newest, frame.log_time_ns)
         time.sleep(max(due - time.monotonic(), 0.0))
         yield frame
-
-
-def twice(frames: Iterable[RawFrame]) -> Iterator[RawFrame]:
-    """Every frame two times in a row."""
-    for frame in frames:
-        yield frame
-        yield frame
-
-
-def shuffled(frames: Iterable[RawFrame], horizon: int, seed: int = 0) -> Iterator[RawFrame]:
-    """Frames in disorder: each taken at random from the next `horizon`."""
-    rng, waiting = random.Random(seed), []
-    for frame in frames:
-        waiting.append(frame)
-        if len(waiting) >= horizon:
-            yield waiting.pop(rng.randrange(len(waiting)))
-    rng.shuffle(waiting)
-    yield from waiting
 
 
 def _demand_before(until: float, frame: RawFrame, path: str | Path) -> None:

@@ -7,7 +7,6 @@ committed stays, and what was in progress is taken up from the store by the next
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, suppress
@@ -41,8 +40,6 @@ from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Kept, Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
-
-log = logging.getLogger(__name__)
 
 
 def run(

@@ -146,7 +146,7 @@ class Library:
         stored = self._store.asset(asset).state
         try:
             return None if stored is None else State.from_dict(stored)
-        except (TwinError, LookupError, TypeError, ValueError):
+        except (TwinError, ValueError):
             return None
 
     def _recorded_um(self, asset: str, index: int) -> float | None:

@@ -22,25 +22,25 @@ PARTS = {"cage": "cage", "outer": "outer race", "inner": "inner race", "ball": "
 MESH, SIDEBAND_MESH, SIDEBANDS, SHAFT, BEARING = 20, 5, 2, 4, 3  # harmonics that are marked of each kind
 
 
-def markers_of(rig: Rig, unit: float, highest: float, mesh: bool = True) -> tuple[Marker, ...]:
+def markers_of(rig: Rig, unit: float, highest: float) -> tuple[Marker, ...]:
     """The markers up to `highest` on an axis on which the pinion's rotation is at `unit` (its speed, or order 1)."""
     found = [
         Marker(kind=kind, label=label, x=order * unit)
-        for kind, label, order in _orders(rig, mesh)
+        for kind, label, order in _orders(rig)
         if 0 < order * unit <= highest
     ]
     return tuple(sorted(found, key=lambda m: m.x))
 
 
-def _orders(rig: Rig, mesh: bool) -> Iterator[tuple[str, str, float]]:
+def _orders(rig: Rig) -> Iterator[tuple[str, str, float]]:
     known = rig.has("gears.pinion.teeth", "gears.gear.teeth")
     shafts = {"pinion": 1.0}
     if known:
         z1, z2 = rig.teeth
         shafts["gear"] = z1 / z2
-        for k in range(1, MESH + 1 if mesh else 1):
+        for k in range(1, MESH + 1):
             yield "mesh", f"mesh {k}×", float(k * z1)
-        for k in range(1, SIDEBAND_MESH + 1 if mesh else 1):
+        for k in range(1, SIDEBAND_MESH + 1):
             for shaft, order in shafts.items():
                 for p in range(1, SIDEBANDS + 1):
                     yield "sideband", f"mesh {k}× − {p} {shaft}", k * z1 - p * order

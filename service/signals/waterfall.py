@@ -16,7 +16,6 @@ from service.signals.views import VIEWS
 from twin.errors import NotAvailable, TwinError
 from twin.rig import Rig
 
-KINDS = ("spectrum", "order-spectrum")
 FINE = 8192  # bins that a row is kept with
 
 

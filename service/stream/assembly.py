@@ -278,21 +278,19 @@ class Assembler:
         self._known = set(data["channels"])
         self._counts = EncoderCounts.from_dict(data)
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
-        self.left_out = Counter(data.get("left_out", {}))  # absent in what earlier programs wrote
-        self._slow = SlowChannels.from_dict(data.get("slow", {}))  # absent in what version 1 wrote
-        self.repeats = Repeats.from_dict(data.get("marks", {}))  # absent in what earlier programs wrote
-        clock = data.get("clock", {})
-        self._times_set, self._latest = int(clock.get("times_set", 0)), int(clock.get("latest_ns", 0))
-        self.last_arrival_ns = clock.get("last_arrival_ns")
-        for label, points in data.get("timelines", {}).items():
+        self.left_out = Counter(data["left_out"])
+        self._slow = SlowChannels.from_dict(data["slow"])
+        self.repeats = Repeats.from_dict(data["marks"])
+        clock = data["clock"]
+        self._times_set, self._latest = int(clock["times_set"]), int(clock["latest_ns"])
+        self.last_arrival_ns = clock["last_arrival_ns"]
+        for label, points in data["timelines"].items():
             self._lanes.setdefault(label, self._lane()).timeline = Timeline.from_dict(points)
         for label, last in data["last_frames"].items():
             lane = self._lanes.setdefault(label, self._lane())
             lane.last = (int(last["sequence"]), int(last["start_ns"]), int(last["end_ns"]))
             lane.lost = [(int(a), int(b)) for a, b in last["lost"]]
             self._consumed[label] = lane.last
-            if "timelines" not in data:
-                lane.timeline.note(0, 0)  # version 1 took all before the last frame for known
         return self
 
     def _lane(self) -> order.Lane:

@@ -50,7 +50,7 @@ class EncoderCounts:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> EncoderCounts:
-        lost = data.get("edges_lost", {})  # absent in what earlier programs wrote, and `counts_apart`, too
+        lost = data.get("edges_lost", {})
         return cls(
             counted={label: int(count) for label, count in data["edges_counted"].items()},
             moved={shaft: int(n) for shaft, n in lost.get("moved", {}).items()},

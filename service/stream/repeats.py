@@ -115,10 +115,8 @@ def _packed(marks: Marks) -> str:
     return b64encode(compress(steps.tobytes() + marks[:, 2].astype("<u4").tobytes(), 1)).decode()
 
 
-def _marks(found: Any) -> Marks:
-    """The marks of a text, or of the lists that earlier programs wrote."""
-    if not isinstance(found, str):
-        return np.array(found, dtype=np.uint64).reshape(-1, 3)
+def _marks(found: str) -> Marks:
+    """The marks of a text that `_packed` made."""
     raw = decompress(b64decode(found))
     steps = np.frombuffer(raw, dtype=np.uint64, count=2 * (len(raw) // 20)).reshape(-1, 2)
     columns = np.cumsum(np.cumsum(steps, axis=0, dtype=np.uint64), axis=0, dtype=np.uint64)

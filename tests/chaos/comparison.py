@@ -11,8 +11,8 @@ from typing import Any
 from fake_twin import TWIN
 
 from service.runtime.assess import assess
-from service.runtime.replay import shuffled
 from service.stream.sources.mcap import RawFrame
+from tests.streams import shuffled
 from twin.options import Options
 
 

@@ -12,6 +12,7 @@ from twin.features.channel_lines import ChannelRecord, LineReading, Wanted, read
 from twin.features.window_features import MeasuredLines
 from twin.model import Condition
 from twin.scales import Scales
+from twin.serial import from_plain, to_plain
 from twin.tracing.detectors.unknown import Unknown, attributed, cause_of
 from twin.tracing.unknown_entry import entry_of, law_of
 from twin.tracing.unknown_lines import SeenWindow, families, followed_lines, modulation_of
@@ -55,7 +56,7 @@ def test_levels_follow_their_laws():
 
 def test_an_effect_survives_its_translation_and_refuses_an_entry_that_there_is_not():
     effect = Addition(effect=unknown("y6", 1.0, order=3.5), onset_revolutions=10.0)
-    assert Addition.from_dict(effect.to_dict()) == effect
+    assert from_plain(Addition, to_plain(effect)) == effect
     with pytest.raises(ParameterError, match="is none of"):
         unknown("housing", 1.0)
     assert set(UNITS) >= set(CHANNELS)

@@ -19,7 +19,6 @@ from twin.updating.inspections import Inspection
 
 PLAIN = Options(trace=False)
 FIRST_WORN = 3  # windows before it are of new gears
-SINCE_START = 35  # turns: count of the window before the first worn one
 
 
 @cache

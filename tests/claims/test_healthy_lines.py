@@ -59,7 +59,7 @@ def test_structure_scatters_as_machines_drawn_within_the_tolerances():
 
 def variance(channel, predicted, learned=NOTHING, depth=0.0, orders=ORDERS):
     return HEALTHY.variance(
-        channel, orders, SPEED, np.asarray(predicted, dtype=complex), np.zeros(orders.size), depth, learned, 5
+        channel, orders, SPEED, np.asarray(predicted, dtype=complex), np.zeros(orders.size), depth, learned
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -86,13 +86,13 @@ def leaves(value, path=""):
 
 def parts(state: State) -> dict:
     """The state by its places; of the stages, the memory of the twin in use."""
-    data = json.loads(json.dumps(state.to_dict()))
-    stages = data["tracing"].pop("stages")
-    data["tracing"].pop("start")
-    data["effects"] = [f["addition"]["name"] for f in data["tracing"].pop("found")]
-    data["memory"] = stages[-1]["memory"]
+    data = asdict(state)
+    for name in ("stages", "start", "found"):
+        del data["tracing"][name]
+    data["effects"] = [found.name for found in state.tracing.found]
+    data["memory"] = asdict(state.memory)
     del data["memory"]["effects"]
-    data["history"] = json.dumps(data["history"])
+    data["history"] = state.history
     return dict(leaves(data))
 
 

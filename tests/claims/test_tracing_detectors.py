@@ -160,7 +160,6 @@ def test_impacts_that_could_not_be_sought_are_not_taken_for_absent():
     content = non_gear.find_non_gear_content(windows, False)
     assert content.not_available == ((gaps, 3),)
     assert not content.impacts
-    assert NonGearFeatures.from_dict(features(None, gaps).to_dict()) == features(None, gaps)
 
 
 def test_orders_of_a_gear_pattern_follow_its_number_of_teeth():

@@ -7,8 +7,8 @@ import pytest
 
 from service.contract.effects import Growth
 from twin.effects import EFFECTS
-from twin.effects.addition import Addition
 from twin.effects.size_law import CONSTANT, SizeLaw, factor_between, scaled
+from twin.serial import from_plain, to_plain
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.crack_growth import growing, losses_by_window
 from twin.tracing.gain_change import DRIFT, gain_change, gain_drift
@@ -78,13 +78,10 @@ def test_factor_of_a_gain_is_one_of_its_logarithm():
     assert scaled(gain, 1.0) is gain
 
 
-def test_law_is_kept_and_an_effect_stored_without_one_is_constant():
+def test_an_effect_is_kept_with_its_law():
     for law in (CONSTANT, RAMP, TAKEN_BACK):
         item = friction(law, onset_std=200.0, change_std=(100.0, 0.1))
-        assert AttributedEffect.from_dict(item.to_dict()) == item
-    old = friction().addition.to_dict()
-    assert "law" not in old
-    assert Addition.from_dict(old).law == CONSTANT
+        assert from_plain(AttributedEffect, to_plain(item)) == item
 
 
 def test_rate_of_a_ramp_is_recovered_within_its_standard_deviation():

@@ -116,17 +116,6 @@ def test_recording_that_was_learned_has_no_impacts_beside_its_own_baseline():
     assert turn_impacts(base, one, base.expected(one))[0].deviation < 3
 
 
-def test_baseline_without_measures_off_the_lines_still_shows_impacts():
-    """Files of earlier versions have the lines, which are all that is needed."""
-    base = healthy()
-    readings = tuple(
-        replace(r, channels={name: replace(c, off=None) for name, c in r.channels.items()}) for r in base.readings
-    )
-    earlier = replace(base, readings=readings)
-    window = struck(machine(0.42, 99), Fraction(1), 1.5)
-    assert largest(window, earlier)[0].deviation == pytest.approx(largest(window)[0].deviation)
-
-
 def test_four_recordings_are_too_few_and_changed_sensors_take_no_part():
     window = struck(machine(0.42, 99), Fraction(1), 2.0)
     few = learn(RIG, list(healthy().readings[:4]), SHAFTS)

@@ -1,9 +1,11 @@
 """Calibration on unworn windows that the model made with other values: what is learned, and how surely."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
-from tests.updating_cases import TEN, Calibration, Condition, machine, model, seen
+from tests.updating_cases import TEN, Condition, machine, model, seen
 from twin.model import Model
 from twin.updating.calibration import NAMES, PRIOR_SPREAD, Fit, calibrate, compliance_scale, fit_half_width
 
@@ -20,7 +22,7 @@ def unworn_windows(twin: Model, conditions=(*SLOW, TEN)):
 def test_calibration_recovers_the_values_that_made_the_windows(changes):
     twin = machine(**changes)
     fit = calibrate(model(), unworn_windows(twin))
-    before, after, true = (c.to_dict() for c in (model().calibration, fit.calibration, twin.calibration))
+    before, after, true = (asdict(c) for c in (model().calibration, fit.calibration, twin.calibration))
     assert fit.windows == 3
     for name in NAMES:
         assert abs(np.log(after[name] / true[name])) < 2 * fit.std[name], name
@@ -44,13 +46,13 @@ def test_windows_leave_every_value_no_less_certain_than_the_prior():
 def test_windows_of_the_prior_itself_leave_the_prior():
     fit = calibrate(model(), unworn_windows(machine()))
     assert fit.misfit < 0.1
-    for name, value in fit.calibration.to_dict().items():
-        assert value == pytest.approx(model().calibration.to_dict()[name], rel=0.03), name
+    for name, value in asdict(fit.calibration).items():
+        assert value == pytest.approx(asdict(model().calibration)[name], rel=0.03), name
 
 
 def test_calibration_without_windows_is_the_prior_with_its_spread():
     fit = calibrate(model(), [])
-    assert fit.calibration.to_dict() == pytest.approx(model().calibration.to_dict(), rel=1e-6)
+    assert asdict(fit.calibration) == pytest.approx(asdict(model().calibration), rel=1e-6)
     assert [fit.std[name] for name in NAMES] == pytest.approx(PRIOR_SPREAD, rel=1e-3)
 
 
@@ -65,7 +67,7 @@ def test_compliance_is_left_alone_where_the_loads_do_not_differ():
 
 
 def test_half_width_goes_to_the_least_misfit_and_no_further_than_was_tried():
-    prior = Fit(calibration=Calibration.from_dict(model().calibration.to_dict()), std={}, windows=1, misfit=1.0)
+    prior = Fit(calibration=model().calibration, std={}, windows=1, misfit=1.0)
     a = prior.calibration.contact_half_width
 
     def sharp(best):

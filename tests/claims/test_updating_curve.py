@@ -6,8 +6,8 @@ import pytest
 from tests.dynamics_cases import FOURTEEN, RIG
 from tests.updating_cases import TEN, curve, model
 from twin.errors import NotConverged, ParameterError
-from twin.updating.memory import Memory, Segment
-from twin.updating.model_cache import curve_of, with_profiles
+from twin.updating.memory import Memory, Segment, StoredProfile
+from twin.updating.model_cache import curve_of
 from twin.updating.update import reference_rate
 from twin.wear.curve import MasterCurve
 
@@ -64,9 +64,10 @@ def test_depth_before_the_start_is_refused_with_both_depths():
 
 def test_new_segment_continues_from_the_present_profile():
     first = Segment(speed_hz=10.0, torque=10.0, start_depth=0.0, start_work=0.0)
-    then = Segment(speed_hz=14.0, torque=9.0, start_depth=12e-6, start_work=CURVE.work_at(12e-6))
     one = curve_of(RIG, Memory(segments=(first,)))
-    two = curve_of(RIG, with_profiles(RIG, Memory(segments=(first, then))))
+    profile = StoredProfile.of(one.profile(12e-6))
+    then = Segment(speed_hz=14.0, torque=9.0, start_depth=12e-6, start_work=CURVE.work_at(12e-6), start_profile=profile)
+    two = curve_of(RIG, Memory(segments=(first, then)))
     assert two.condition == FOURTEEN
     assert two.depth[0] == pytest.approx(12e-6, rel=2e-3)
     assert two.work[0] == 0.0

@@ -141,7 +141,7 @@ def change(rig, state, made, options):
         state = replace(state, offset=state.last)
     missing = {"status": "not available", "reason": f"{made.kind}: no window since"}
     wear = missing if made.kind == "gears_replaced" else {"max_depth_um": {"combined": {"median": state.last}}}
-    status = {"level": "no_verdict", "reasons": [made.kind]}
+    status = {"level": "no_verdict", "reasons": [made.kind], "findings": []}
     return state, Estimate(record={}, report={"wear": wear, "rul": missing, "effects": [], "status": status})
 
 

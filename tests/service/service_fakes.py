@@ -36,6 +36,12 @@ def band(value: float, spread: float) -> dict[str, float]:
     return {"median": value, "p05": value * (1 - spread), "p95": value * (1 + spread)}
 
 
+def status(level: str, *reasons: str, action: str = "Look at the machine.") -> dict:
+    """A status that says these reasons, as the contract has it."""
+    findings = [{"subject": "effect", "level": level, "reason": reason, "action": action} for reason in reasons]
+    return {"level": level, "reasons": list(reasons), "findings": [] if level == "normal" else findings}
+
+
 def profile() -> dict:
     """Depth along both flanks, zero near the pitch point."""
     out: dict = {"path_position_mm": [-5.2 + 9.75 * i / 80 for i in range(81)]}
@@ -136,7 +142,7 @@ def report(revolutions: float, windows: int) -> dict:
             "reason": "",
             "limit_percent": 30.0,
         },
-        "status": {"level": "normal", "reasons": ["The twin explains the vibration."]},
+        "status": status("normal", "The twin explains the vibration."),
         "calibration": {
             "from": "windows",
             "values": {"stiffness_scale": 1.012, "modal_ratio": 0.048, "contact_half_width": 2.05e-4},

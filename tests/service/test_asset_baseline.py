@@ -140,12 +140,12 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     data = with_windows(tmp_path / "data")
     signals = SignalStore(Service(data).folder / SIGNALS, 10**9)
     with Service(data).store() as store:
-        life = Jobs(tables_of(store))
-        made = life.add("bench", "sensor_moved", {"sensor": "a"})
-        life.end(made, {"from_window": 2})
+        jobs = Jobs(tables_of(store))
+        made = jobs.add("bench", "sensor_moved", {"sensor": "a"})
+        jobs.end(made, {"from_window": 2})
         with pytest.raises(InputError, match=r"window 1 was measured before the change 'sensor_moved'.*from 2 on"):
-            learn_from_windows("bench", [1, 2, 3], store, signals, life)
-        assert len(learn_from_windows("bench", [2, 3, 4], store, signals, life).readings) == 3
+            learn_from_windows("bench", [1, 2, 3], store, signals, jobs)
+        assert len(learn_from_windows("bench", [2, 3, 4], store, signals, jobs).readings) == 3
 
 
 @pytest.mark.slow
@@ -153,14 +153,14 @@ def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
     signals, file = SignalStore(Service(data).folder / SIGNALS, 10**9), tmp_path / "first.baseline"
     with Service(data).store() as store:
-        life = Jobs(tables_of(store))
-        first = learn_from_windows("bench", [0, 1, 2], store, signals, life)
+        jobs = Jobs(tables_of(store))
+        first = learn_from_windows("bench", [0, 1, 2], store, signals, jobs)
         save(first, file)
-        again = learn_from_windows("bench", [2, 3], store, signals, life, file)
+        again = learn_from_windows("bench", [2, 3], store, signals, jobs, file)
         assert sorted(r.name for r in again.readings) == [f"bench#{i}" for i in range(4)]  # window 2 counts once
         store.keep("bench", state={"outdated": {"a": identity_of(first)}})
         with pytest.raises(InputError, match="learned before the machine was changed"):
-            learn_from_windows("bench", [3], store, signals, life, file)
+            learn_from_windows("bench", [3], store, signals, jobs, file)
 
 
 def test_a_baseline_that_waits_to_be_used_outlives_a_restart(tmp_path, each_store):

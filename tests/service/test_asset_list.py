@@ -16,7 +16,7 @@ LEVELS = ("end_of_life", "alarm", "watch", "no_verdict", "normal")
 
 
 def at(level, reason="The twin explains the vibration."):
-    return fakes.report(10.0, 1) | {"status": {"level": level, "reasons": [reason]}}
+    return fakes.report(10.0, 1) | {"status": fakes.status(level, reason)}
 
 
 @pytest.fixture

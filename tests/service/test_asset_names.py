@@ -96,16 +96,16 @@ def after_the_commit(monkeypatch):
     """The first reading outside a transaction, after a change has been carried out, fails."""
     fails, done, last = Fails(), Jobs.end, SqlStore.last_event_id
 
-    def change_done(life, number, effect):
+    def end(jobs, number, outcome=None):
         fails.armed = not fails.failed
-        return done(life, number, effect)
+        return done(jobs, number, outcome)
 
     def last_event_id(store, asset):
         if store.database._current is None:
             fails()
         return last(store, asset)
 
-    monkeypatch.setattr(AssetLife, "change_done", change_done)
+    monkeypatch.setattr(Jobs, "end", end)
     monkeypatch.setattr(SqlStore, "last_event_id", last_event_id)
     return fails
 
@@ -221,7 +221,7 @@ def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, 
         assert running.get(UNSW) is None
     with running.store() as store:
         life = Jobs(tables_of(store))
-        assert [life.change(n).asset for n in numbers] == ["unsw"] * 2 and store.assets() == ("unsw",)
+        assert [life.job(n).asset for n in numbers] == ["unsw"] * 2 and store.assets() == ("unsw",)
 
 
 # -- a storage that fails in the midst of a change -------------------------------------------------------

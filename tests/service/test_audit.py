@@ -16,7 +16,6 @@ from service.cli.audit import entry_line
 from service.results.audit_log import AuditLog
 
 INSPECTION = {"revolutions": 6000, "max_depth_um": 150.0, "flank": "combined", "std_um": 4.0}
-RULE = {"name": "hot", "quantity": "level", "basis": "fixed", "watch": 10.0, "alarm": 20.0}
 BASE = "/v1/assets/unsw"
 
 
@@ -79,8 +78,8 @@ def test_nobody_signs_with_the_name_of_another(app, keys, store):
     ask(app, "POST", f"{BASE}/effects/misalignment", key, json={"decision": "pin", "by": "Bob"})
     ask(app, "POST", f"{BASE}/changes", key, json={"kind": "oil_changed", "by": "Bob"})
     ask(app, "PUT", f"{BASE}/alarm-rules", key, json={"rules": [], "by": "Bob"})
-    assert [d.by for d in fakes.decisions(store, "unsw")] == ["ann"]
-    assert app.state.changes.life.changes("unsw")[-1].given["by"] == "ann"
+    assert [d.given["by"] for d in fakes.decisions(store, "unsw")] == ["ann"]
+    assert app.state.queue.jobs.changes("unsw")[-1].given["by"] == "ann"
     assert ask(app, "GET", f"{BASE}/alarm-rules", key).json()["by"] == "ann"
 
 
@@ -88,7 +87,7 @@ def test_without_a_credential_the_given_name_signs(store, board):
     fakes.campaign(store, board)
     app = create_app(board, store)
     ask(app, "POST", f"{BASE}/effects/misalignment", client="127.0.0.1", json={"decision": "pin", "by": "Bob"})
-    assert [d.by for d in fakes.decisions(store, "unsw")] == ["Bob"]
+    assert [d.given["by"] for d in fakes.decisions(store, "unsw")] == ["Bob"]
     (entry,) = ask(app, "GET", "/v1/audit", client="127.0.0.1").json()
     assert (entry["kind"], entry["name"], entry["address"]) == ("local", None, "127.0.0.1")
 
@@ -99,7 +98,7 @@ def test_outcome_of_a_queued_change_is_that_of_the_change(app, keys, store, boar
     ask(app, "POST", f"{BASE}/effects/misalignment", key, json={"decision": "reject"})
     first, second = fakes.jobs_of(store).pending()
     fakes.carry_out(store, first, state={}, report=board.get("unsw").report, events=[])
-    store.refuse(second, "there is no such effect in the twin")
+    fakes.jobs_of(store).refuse(second.id, "there is no such effect in the twin")
     assert [e["outcome"] for e in entries(app, key)[1:]] == ["done", "refused: there is no such effect in the twin"]
 
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import fake_twin
 import numpy as np
 import pytest
+import service_fakes as fakes
 
 from service.errors import StorageUnavailable
 from service.results import window_jobs
@@ -223,7 +224,7 @@ def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts,
     adding = threading.Thread(target=p.add, args=("a", 0))
     adding.start()
     assert begun.wait(20)
-    elsewhere = ThreadPoolExecutor(1).submit(p.store.add_decision, "a", "misalignment", "pin")
+    elsewhere = ThreadPoolExecutor(1).submit(fakes.decide, p.store, "a", "misalignment", "pin")
     try:
         assert elsewhere.result(10) and p.spool.unstored_from_ns("a") is not None  # not acknowledged yet
     finally:

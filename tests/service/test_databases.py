@@ -14,44 +14,55 @@ from service.errors import StorageUnavailable
 from service.results import backends, commit_marks
 from service.results.backends import Postgresql
 from service.results.commit_marks import Mark
+from service.results.jobs import Jobs
 from service.results.schema import COMMITS
 from service.results.sql_store import SqlStore
 from service.results.window_file import read_window
+from service.results.window_jobs import WindowJobs
 
 
-def test_inspection_is_used_once(each_store):
+def test_a_job_is_carried_out_once_with_all_that_it_changes(each_store):
     fakes.campaign(each_store, None)
-    number = each_fakes.inspect(store, "unsw", {"revolutions": 10.0}, {"twin": {}})
-    (waiting,) = each_fakes.jobs_of(store).pending()
-    given = {"answer": {"twin": 1}, "state": {"n": 2}, "report": {}, "events": [("inspection", {"id": number})]}
-    assert each_store.use_inspection(waiting, **given)
-    assert not each_store.use_inspection(waiting, **given)
-    assert each_fakes.jobs_of(store).job(number).done and each_fakes.jobs_of(store).job(number).answer == {"twin": 1}
-    assert each_store.asset("unsw").state == {"n": 2} and each_fakes.jobs_of(store).pending() == ()
-    assert [i["twin"] for i in each_store.inspections("unsw")] == [1]
-    assert each_store.inspections("unsw", after=number) == ()
+    jobs = Jobs(each_store.database)
+    number = fakes.inspect(each_store, "unsw", {"revolutions": 10.0}, {"twin": {}})
+    (waiting,) = jobs.pending()
+    given = {"outcome": {"twin": 1}, "state": {"n": 2}, "report": {}, "events": [("inspection", {"id": number})]}
+    assert fakes.carry_out(each_store, waiting, **given) and not fakes.carry_out(each_store, waiting, **given)
+    assert jobs.job(number).done and jobs.job(number).outcome == {"twin": 1}
+    assert each_store.asset("unsw").state == {"n": 2} and jobs.pending() == ()
+    assert [i.id for i in jobs.of("unsw", "inspection")] == [number]
+    assert jobs.of("unsw", "inspection", after=number) == () == jobs.of("unsw", "decision")
+
+
+def test_jobs_of_all_kinds_wait_in_the_order_in_which_they_were_submitted(each_store, tmp_path):
+    each_store.note("unsw", [])
+    jobs = Jobs(each_store.database)
+    numbers = [fakes.decide(each_store, "unsw", "misalignment", "pin"), jobs.add("unsw", "oil_changed", {"by": "Anna"})]
+    assert WindowJobs(each_store.database, tmp_path / "waiting").add_waiting("unsw", fakes.WINDOW)
+    numbers += [fakes.inspect(each_store, "unsw", {"revolutions": 10.0}, {}), jobs.add("mill", "retired", {})]
+    assert [job.id for job in jobs.pending()] == numbers
+    jobs.refuse(numbers[0], "no window has been processed yet")
+    assert [job.id for job in jobs.pending()] == numbers[1:]
+    assert [job.kind for job in jobs.changes("unsw")] == ["oil_changed"]
 
 
 def test_decisions_are_counted_by_what_became_of_them(each_store):
     fakes.take(each_store, None, "unsw", 0, 100.0)
-    first = each_fakes.decide(store, "unsw", "misalignment", "pin", "Anna", "measured")
-    second = each_fakes.decide(store, "unsw", "tooth_crack", "reject")
-    assert each_fakes.carry_out(
-        store, each_fakes.jobs_of(store).job(first), state={"n": 2}, report={"wear": {}}, events=[]
-    )
-    each_store.refuse(each_fakes.jobs_of(store).job(second), "there is no such effect")
-    assert each_store.decision_counts() == {"unsw": {"pin": 1}} and each_fakes.jobs_of(store).pending() == ()
-    assert [(d.by, d.refused) for d in each_fakes.decisions(store, "unsw")] == [
+    jobs = Jobs(each_store.database)
+    first = fakes.decide(each_store, "unsw", "misalignment", "pin", "Anna", "measured")
+    second = fakes.decide(each_store, "unsw", "tooth_crack", "reject")
+    assert fakes.carry_out(each_store, jobs.job(first), state={"n": 2}, report={"wear": {}})
+    jobs.refuse(second, "there is no such effect")
+    assert jobs.decision_counts() == {"unsw": {"pin": 1}} and jobs.pending() == ()
+    assert [(d.given["by"], d.refused) for d in fakes.decisions(each_store, "unsw")] == [
         ("Anna", None), (None, "there is no such effect"),
     ]  # fmt: skip
 
 
 def test_windows_that_wait_are_given_to_another_asset(each_store, tmp_path):
-    life = AssetLife(each_store.database, tmp_path / "waiting")
+    life = WindowJobs(each_store.database, tmp_path / "waiting")
     each_store.note("unsw", [])
     assert life.add_waiting("unsw", fakes.WINDOW)
-    number = life.add("unsw", "other_machine", {"name": "other"})
-    assert life.end(number, {"asset": "other"}) and not life.end(number, {})
     life.give_waiting("unsw", "other")
     (waiting,) = life.waiting("other")
     assert life.waiting("unsw") == () and read_window(life.file_of(waiting.id)).start_time_ns == waiting.start_ns

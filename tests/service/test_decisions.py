@@ -20,13 +20,12 @@ from service_streams import Service, service, wait_until, write_recording
 import gear_twin
 from service.cli import run
 from service.contract.estimate import Estimate
-from service.results.job_queue import JobQueue
-from service.results.jobs import Jobs
 from service.runtime.computing import Ask, Call, carry_out
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.replay import replay
 from service.runtime.twin_port import Twin
+from service.stream.assembly import Assembler
 from service.stream.quality import Quality
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
@@ -106,7 +105,7 @@ def test_decision_that_was_kept_before_a_kill_is_carried_out_once_by_the_next_st
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
         with running.store() as store:
-            number = JobQueue(Jobs(store.database)).submit("unsw", "misalignment", "pin")
+            number = fakes.decide(store, "unsw", "misalignment", "pin")
         for _ in range(2):
             running.start()
             wait_until(lambda: counted(running) > 0.5)
@@ -186,8 +185,11 @@ def test_decision_keeps_name_and_note_from_rest_to_store_list_and_event(address,
     status, answer = post(SimpleNamespace(http=address.removeprefix("http://")), f"{UNSW}/effects/misalignment", body)
     assert (status, answer["by"], answer["note"]) == (202, "Anna", "the shaft was measured")
     post(SimpleNamespace(http=address.removeprefix("http://")), f"{UNSW}/effects/misalignment", {"decision": "pin"})
-    signed, plain = fakes.decisions(store, "unsw")
-    assert (signed.by, signed.note, plain.by, plain.note) == ("Anna", "the shaft was measured", None, None)
+    found = [(d.given["by"], d.given["note"]) for d in fakes.decisions(store, "unsw")]
+    assert found == [
+        ("Anna", "the shaft was measured"),
+        (None, None),
+    ]
     with gear_twin.Client(address) as client:
         assert [(d.decision, d.by) for d in client.decisions("unsw")] == [("reject", "Anna"), ("pin", None)]
         assert client.decide("unsw", "misalignment", "accept", by="Ben", note="seen").note == "seen"
@@ -263,17 +265,11 @@ def test_asset_must_be_named_where_there_are_several(capsys, address, store, boa
 @pytest.mark.parametrize(("level", "kept"), [("watch", True), ("alarm", False)])
 def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_level(level, kept):
     since = {"time": "2024-05-01T10:00:00.000000000Z", "revolutions": 1000.0}
-    before = {"status": {"level": "watch", "reasons": ["Misalignment was found."], "since": since}}
-    answer = Estimate(record={}, report={"status": {"level": level, "reasons": ["Wear."], "since": None}}, events=())
+    before = {"status": {**fakes.status("watch", "Misalignment was found."), "since": since}}
+    answer = Estimate(record={}, report={"status": {**fakes.status(level, "Wear."), "since": None}}, events=())
     twin = Twin(step=None, new_state=dict, load_state=dict, decide=lambda *given: ({}, answer))
     pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, None)
-    assembly = {
-        "closed_until_ns": 60_000_000_000,
-        "channels": [],
-        "edges_counted": {},
-        "last_frames": {},
-        "counters": {},
-    }
+    assembly = Assembler().to_dict() | {"closed_until_ns": 60_000_000_000}
     pipeline.lanes.restore(
         "unsw", Checkpoint(index=4, state={}, report=before, assembly=assembly, quality=Quality().to_dict({}, ()))
     )

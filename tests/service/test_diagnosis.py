@@ -176,15 +176,6 @@ def test_report_shows_effects_and_the_same_figures(answer, tmp_path, capsys):
     assert "lead gap 40.1 ± 4.3 µm" in capsys.readouterr().out
 
 
-def test_answer_of_before_the_tracing_can_still_be_read(answer, tmp_path, capsys):
-    del answer["tracing"], answer["unexplained"]
-    answer["effects"] = []
-    source = tmp_path / "old.json"
-    source.write_text(json.dumps(answer))
-    assert run(["report", str(source)]) == 0 and run(["diagnose", str(source)]) == 0
-    assert "No effects were evaluated: the answer was written without it." in capsys.readouterr().out
-
-
 def test_table_has_a_row_an_effect(answer):
     assert effect_table(answer["effects"], "effects").row_count == 2
 

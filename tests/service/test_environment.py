@@ -38,7 +38,6 @@ from service.operation.journey import Journey
 from service.results import backends, database, migrate
 from service.results.data_folder import only_service_of
 from service.runtime.assess import assess
-from service.runtime.in_order import InOrder, Pending
 from service.runtime.replay import replay
 from service.runtime.usable_cores import usable_cores
 from service.runtime.worker_server import kill_server
@@ -302,20 +301,11 @@ def test_a_window_that_waits_has_waited_as_long_when_the_clock_is_set_back(stepp
 
 def test_what_was_asked_before_the_clock_was_set_back_is_carried_out_before_what_is_asked_after(store, stepped):
     store.keep("unsw")
-    life, order = AssetLife(store.database), []
     fakes.decide(store, "unsw", "misalignment", "pin")
     stepped()
-    life.add("unsw", "oil_changed", {})
-
-    def asking(what, waiting):
-        """A worker with one queue."""
-        asked = threading.Event()
-        asked.set()
-        queue = [Pending(each.received_ns, lambda: order.append(what)) for each in waiting]
-        return SimpleNamespace(asked=asked, pending=lambda: [queue])
-
-    InOrder(asking("change", life.pending_changes()), asking("decision", fakes.jobs_of(store).pending()))()
-    assert order == ["decision", "change"]
+    jobs = fakes.jobs_of(store)
+    jobs.add("unsw", "oil_changed", {})
+    assert [job.kind for job in jobs.pending()] == ["decision", "oil_changed"]
 
 
 @pytest.mark.slow

@@ -144,7 +144,7 @@ def test_partitions_share_no_row_and_no_number(fleet):
         assert [Layout(3).partition_of_number(n) for n in numbers] == 3 * [0, 2]
         assert first.assets() == ("a",) and third.assets() == ("b",)
     with taken(fleet, 0) as first:  # the counters go on
-        assert first.add_decision("a", "misalignment", "accept") == numbers[-2] + 3
+        assert fakes.decide(first, "a", "misalignment", "accept") == numbers[-2] + 3
 
 
 def test_front_ends_read_and_add_to_the_tables_of_any_partition(fleet):
@@ -155,7 +155,7 @@ def test_front_ends_read_and_add_to_the_tables_of_any_partition(fleet):
         shared = Partitions(fleet, 3)
         with SqlStore(shared.backend(1)) as front:
             assert len(front.windows("a")) == 1
-            number = front.add_decision("a", "misalignment", "accept")
+            number = fakes.decide(front, "a", "misalignment", "accept")
         assert [d.id for d in fakes.jobs_of(store).pending()] == [number]
         shared.close()
 

@@ -31,6 +31,7 @@ from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.unknown_assets import UnknownAssets
+from service.results.window_jobs import WindowJobs
 from service.runtime.begun import unknown_of
 from service.runtime.replay import replay
 from service.runtime.worker import Kept
@@ -151,7 +152,7 @@ def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(tmp_path, fl
         board = FleetBoard(at_front, AlarmKeeper(FleetAlarms(at_front)))
         assert board.find("unsw") is None and board.find(NEW).asset == "unsw" and board.names() == (NEW,)
         assert place(tables, NEW) == place(tables, "unsw") == OWN
-        number = at_front.add_decision("unsw", "crack", "confirm")
+        number = fakes.decide(at_front, "unsw", "crack", "confirm")
         assert [d.id for d in fakes.jobs_of(store).pending()] == [number]
 
 
@@ -161,13 +162,11 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
     with taken(fleet, OWN) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
         board, alarms, looked = Board.from_store(store), AlarmKeeper(AlarmStore(store.database)), threading.Event()
-        life = AssetLife(store.database)
         kept = Kept(
             store=store,
             board=board,
-            decisions=JobQueue(Jobs(store.database)),
-            life=life,
-            changes=ChangeQueue(life),
+            queue=JobQueue(Jobs(store.database)),
+            windows=WindowJobs(store.database),
             names=Names(store.database),
             baselines=BaselineStore(store.database, tmp_path),
         )

@@ -43,11 +43,6 @@ def test_every_metric_of_dashboard_and_alerts_is_in_the_catalogue_with_the_label
     assert all(grouped <= LABELS[metric] for metric, _ in named)
 
 
-def test_every_metric_of_the_catalogue_is_in_a_panel():
-    drawn = {name for expression in EXPRESSIONS for name in re.findall(r"gear_twin_\w+", expression)}
-    assert drawn == set(LABELS)
-
-
 def test_panels_have_numbers_and_places_of_their_own():
     assert len({panel["id"] for panel in DASHBOARD["panels"]}) == len(DASHBOARD["panels"])
     taken = set()

@@ -23,10 +23,11 @@ from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Twin
 from service.runtime.worker import restore
+from service.stream.assembly import Assembler
 from twin.rig import Rig
 
 LONG = 350
-ASSEMBLY = {"closed_until_ns": 1, "channels": [], "edges_counted": {}, "last_frames": {}, "counters": {}}
+ASSEMBLY = Assembler().to_dict() | {"closed_until_ns": 1}
 
 
 class Counted(dict):

@@ -74,7 +74,7 @@ def test_foreign_page_writes_nothing(app):
             assert answer.status_code == 403
         preflight = httpx.options(f"http://127.0.0.1:{port}{WRITE}", headers={"Origin": "http://evil.example"})
         assert "access-control-allow-origin" not in preflight.headers
-    assert app.state.fakes.jobs_of(store).of("unsw", "inspection") == ()
+    assert app.state.queue.jobs.of("unsw", "inspection") == ()
 
 
 # -- paths and headers ---------------------------------------------------------------------------------------

@@ -16,11 +16,9 @@ from test_other_parts import serving
 from service.contract.inspections import BY_LEVEL, outcome_of
 from service.errors import StorageUnavailable
 from service.results.board import Board
-from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
-from service.results.sql_store import SqlStore
 from service.runtime.computing import Made
-from service.runtime.decisions import DecisionWorker
+from service.runtime.decisions import Decisions
 from service.runtime.lane import Lane
 from service.runtime.reception import Reception
 from service.runtime.replay import replay
@@ -69,8 +67,7 @@ def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path
 def test_what_a_full_disk_keeps_from_being_used_is_answered_at_once_as_waiting(tmp_path, recording, monkeypatch, verb):
     """What is kept was answered after half a minute, as though it might be carried out meanwhile."""
     network, full = MemoryNetwork(), [True]
-    for name in ("use_inspection", "carry_out"):
-        monkeypatch.setattr(SqlStore, name, _unless_full(getattr(SqlStore, name), full))
+    monkeypatch.setattr(Jobs, "end", _unless_full(Jobs.end, full))
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         replay(recording, (), 0, publish_to=network.open_publisher)
         running.wait_for_windows(WINDOWS)
@@ -114,7 +111,7 @@ def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(t
         running.wait_for_windows(WINDOWS)
         running.end(signal.SIGKILL)
         with running.store() as store:
-            number = JobQueue(Jobs(store.database)).submit_inspection("unsw", GIVEN, {"twin": {}})
+            number = fakes.inspect(store, "unsw", GIVEN, {"twin": {}})
         for _ in range(2):
             running.start()
             wait_until(lambda: used(running) > 0.5)
@@ -122,7 +119,7 @@ def test_inspection_that_was_kept_before_a_kill_is_used_once_by_the_next_start(t
             running.end(signal.SIGKILL)
         with running.store() as store:
             assert fakes.jobs_of(store).job(number).done and not fakes.jobs_of(store).pending()
-            assert fakes.jobs_of(store).job(number).answer["applied"] is True
+            assert fakes.jobs_of(store).job(number).outcome["applied"] is True
     finally:
         running.end(signal.SIGKILL)
 
@@ -146,22 +143,19 @@ def outcomes(store, report, answer, **stream):
     lane = Lane(asset="unsw", rig=None, twin=None, state=None, report=report)
     made = Made(state=SimpleNamespace(to_dict=dict), answer=Answer(record={}, report=answer, events=()))
     reception, board = SimpleNamespace(**stream), Board()
-    worker = DecisionWorker(
-        JobQueue(Jobs(store.database)), reception, None, store, board, SimpleNamespace(publish=str), None
-    )
+    jobs = Jobs(store.database)
+    kinds = Decisions(jobs, reception, store, board, SimpleNamespace(publish=str)).kinds
     store.note("unsw", [])
-    for job in (
-        worker._inspection(fakes.jobs_of(store).job(fakes.inspect(store, "unsw", GIVEN, {}))),
-        worker._decision(fakes.jobs_of(store).job(fakes.decide(store, "unsw", "misalignment", "pin"))),
-    ):
+    numbers = (fakes.inspect(store, "unsw", GIVEN, {}), fakes.decide(store, "unsw", "misalignment", "pin"))
+    for job in map(jobs.job, numbers):
         lane.report = report
-        job.then(lane, made)
+        kinds[job.kind].then(lane, job, made)
         yield lane.report
 
 
 def test_status_that_an_inspection_leaves_as_it_was_holds_since_the_same_time(store):
     since = {"time": "2026-01-01T00:00:00Z", "revolutions": 5.0}
-    status = {"level": "alarm", "reasons": ["worn"]}
+    status = fakes.status("alarm", "worn")
     before = {"status": {**status, "since": since}, "residual": 1}
     after = [*outcomes(store, before, {"status": status}, ended_ns=lambda asset: 10**18)]
     assert [report["status"] for report in after] == [{**status, "since": since}] * 2
@@ -174,5 +168,5 @@ def test_status_that_a_person_changes_holds_since_the_newest_window_and_where_th
     stream = Reception(lambda asset: None, lambda window: None, host_clock=lambda: 1_790_000_000 * 10**9)
     if True:
         given = {"ended_ns": stream.ended_ns}
-        for after in outcomes(store, report, {"status": {"level": "alarm", "reasons": ["worn"]}}, **given):
+        for after in outcomes(store, report, {"status": fakes.status("alarm", "worn")}, **given):
             assert after["status"]["since"]["time"].startswith("2026-09-21T14:13:20")

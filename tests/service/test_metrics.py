@@ -20,6 +20,7 @@ from service.errors import StorageUnavailable
 from service.files.rig import load_rig
 from service.operation.metric_catalogue import FLEET, METRICS, OTHERS
 from service.operation.timing import Timing
+from service.results.jobs import Jobs
 from service.runtime.computing import Ask, Call, WindowToUse, carry_out
 from service.runtime.replay import replay
 from twin.observed import TRACING, observed_by, part
@@ -67,7 +68,7 @@ def test_service_that_has_run_exports_all_of_the_catalogue_and_nothing_else(tmp_
 
 
 def test_figure_that_is_not_in_the_catalogue_cannot_be_exported(store, board):
-    collector = AssetCollector(board, store, lambda: {"invented": 1.0}, 10)
+    collector = AssetCollector(board, fakes.jobs_of(store), lambda: {"invented": 1.0}, 10)
     with pytest.raises(KeyError, match="invented"):
         list(collector.collect())
 
@@ -84,7 +85,7 @@ def test_assets_beyond_the_bound_are_counted_together_and_those_within_it_keep_t
     for number in range(5):
         fakes.take(store, board, f"m{number}", 0, 100.0)
     lag = {f"m{number}": float(number) for number in range(5)}
-    collector = AssetCollector(board, store, lambda: {"lag_seconds": lag}, 2)
+    collector = AssetCollector(board, fakes.jobs_of(store), lambda: {"lag_seconds": lag}, 2)
 
     def samples():
         return {(s.name, *s.labels.values()): s.value for family in collector.collect() for s in family.samples}
@@ -105,7 +106,7 @@ def test_scrape_is_one_query_however_many_assets_there_are(store, board):
         fakes.take(store, board, f"m{number}", 0, 100.0)
     asked = []
     store.database.took = lambda what, seconds: asked.append(what)
-    list(AssetCollector(board, store, dict, 10).collect())
+    list(AssetCollector(board, fakes.jobs_of(store), dict, 10).collect())
     assert asked == ["read"]
 
 
@@ -113,13 +114,13 @@ def test_scrape_is_answered_while_the_storage_cannot_be_used(store, board, monke
     fakes.take(store, board, "unsw", 0, 100.0)
     fakes.decide(store, "unsw", "misalignment", "pin")
     fakes.carry_out(store, fakes.jobs_of(store).pending()[0], state={}, report=board.get("unsw").report, events=[])
-    collector = AssetCollector(board, store, dict, 10)
+    collector = AssetCollector(board, fakes.jobs_of(store), dict, 10)
     before = [family.samples for family in collector.collect()]
 
     def unavailable():
         raise StorageUnavailable("locked", reason="locked") from sqlite3.OperationalError("locked")
 
-    monkeypatch.setattr(store, "decision_counts", unavailable)
+    monkeypatch.setattr(Jobs, "decision_counts", unavailable)
     assert [family.samples for family in collector.collect()] == before
     assert get(board, store, "/metrics").status_code == 200
 
@@ -157,7 +158,7 @@ def test_what_is_exported_of_an_asset_does_not_grow_with_its_history(store, boar
     sizes = []
     for index in range(30):
         fakes.take(store, board, "unsw", index, 100.0 * (index + 1))
-        collector = AssetCollector(board, store, dict, 10)
+        collector = AssetCollector(board, fakes.jobs_of(store), dict, 10)
         sizes.append(sum(len(family.samples) for family in collector.collect()))
     assert len(set(sizes[1:])) == 1, sizes
 

@@ -113,7 +113,7 @@ def test_addresses_name_asset_and_view_and_back_returns(open_page, store, board)
     page.wait_for_selector("main[data-view=fleet]")
     page.go_forward()
     page.wait_for_selector("main[data-view=overview]")
-    page.evaluate("location.hash = '#another'")  # an address of an earlier version
+    page.evaluate("location.hash = '#/asset/another'")
     wait_for_windows(page, 1)
     assert page.inner_text("#trail").endswith("another")
 
@@ -237,7 +237,7 @@ def test_a_decision_is_sent_and_its_progress_said(traced, store):
     with traced.expect_response("**/effects/misalignment") as answered:
         traced.get_by_role("button", name="accept misalignment").click()
     assert answered.value.status == 202  # nobody carries it out here: it is kept
-    assert [d.verb for d in fakes.decisions(store, "unsw")] == ["accept"]
+    assert [d.given["verb"] for d in fakes.decisions(store, "unsw")] == ["accept"]
     traced.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
 
 
@@ -252,7 +252,7 @@ def test_a_decision_is_signed_and_shown_where_effects_are_listed(traced, store, 
     page.get_by_role("button", name="accept misalignment").click()
     page.wait_for_function("document.querySelector('.decision').textContent.includes('after the current window')")
     (waiting,) = fakes.jobs_of(store).pending()
-    assert (waiting.by, waiting.note) == ("Anna", "seen on the flank")
+    assert (waiting.given["by"], waiting.given["note"]) == ("Anna", "seen on the flank")
     report = fakes.traced_report(19500.0, 12)
     next(e for e in report["effects"] if e["name"] == "misalignment")["status"] = "accepted"
     assert fakes.carry_out(store, waiting, state={}, report=report, events=[("effect", {"action": "accept"})])
@@ -374,7 +374,7 @@ def test_machines_are_listed_by_severity_and_new_ones_join(open_page, store, boa
     assert "No machine has sent data yet" in page.inner_text("main")
     assert page.get_attribute("#link", "data-state") == "live"  # the service is there: nothing red
     fakes.campaign(store, board)
-    alarm = fakes.report(10.0, 1) | {"status": {"level": "alarm", "reasons": ["A cracked tooth was found."]}}
+    alarm = fakes.report(10.0, 1) | {"status": fakes.status("alarm", "A cracked tooth was found.")}
     fakes.take(store, board, "zz-last", 0, 10.0, report=alarm)
     page.wait_for_selector("[data-assets='2']")
     assert page.locator(".fleet tbody tr").evaluate_all("rows => rows.map(r => r.dataset.asset)") == ["zz-last", "unsw"]

@@ -19,7 +19,7 @@ from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import Positions
 from service.runtime.record import record
-from service.runtime.replay import paced, replay, shuffled, twice
+from service.runtime.replay import paced, replay
 from service.runtime.twin_port import Twin
 from service.stream.assembly import Assembler
 from service.stream.inbox import BAD_KEY, SAY_ERRORS_EVERY, Inbox
@@ -28,6 +28,7 @@ from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode, encoding_of
 from service.stream.wire.topics import topic_of
 from service.transport.zenoh import ZenohTransport, open_publisher, open_session
+from tests.streams import shuffled, twice
 from twin.rig import Rig
 
 IDLE = 0.7  # silence that ends a window [s]

@@ -22,10 +22,11 @@ from service.json_text import plain
 from service.runtime import pump
 from service.runtime.assess import assess
 from service.runtime.http_server import listening_at
-from service.runtime.replay import replay, shuffled, twice
+from service.runtime.replay import replay
 from service.runtime.serve import run
 from service.settings import Settings
 from service.transport.zenoh import open_session
+from tests.streams import shuffled, twice
 
 WINDOWS = 6
 

@@ -17,7 +17,8 @@ from pathlib import Path
 import pytest
 from service_streams import free_port
 
-from service.runtime.replay import replay, shuffled, twice
+from service.runtime.replay import replay
+from tests.streams import shuffled, twice
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "recordings" / "short-campaign.mcap"

@@ -1,13 +1,9 @@
 """An answer as text says what matters, warns where the model does not hold, and fits the terminal."""
 
-import ast
-from pathlib import Path
-
 import pytest
 
 from service.cli.answer import answer_text, summary_lines, window_table
 
-ROOT = Path(__file__).parents[2]
 BAND = {"median": 520.0, "p05": 480.0, "p95": 560.0}
 RECORD = {
     "kind": "measurement",
@@ -91,27 +87,6 @@ def test_the_window_table_fits_the_terminal_and_keeps_depth_and_level(width):
 def test_columns_without_a_value_are_left_out():
     bare = [{"index": 0, "kind": "measurement", "rms_measured": 1.0, "quality": "good", "updated": False}]
     assert window_table(bare)[0].split() == ["#", "kind", "RMS", "meas.", "data"]
-
-
-def test_the_modules_of_the_command_line_import_each_other_in_one_direction():
-    folder = ROOT / "service" / "cli"
-    imported: dict[str, set[str]] = {}
-    for file in folder.glob("*.py"):
-        found = set()
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("service.cli"):
-                rest = (node.module or "").removeprefix("service.cli").lstrip(".")
-                found |= {rest} if rest else {alias.name for alias in node.names}
-        imported[file.stem] = found
-
-    def reached(name: str, seen: tuple[str, ...]) -> None:
-        assert name not in seen, f"import circle: {' → '.join((*seen, name))}"
-        for other in imported.get(name, ()):
-            if other in imported:
-                reached(other, (*seen, name))
-
-    for name in imported:
-        reached(name, ())
 
 
 def test_a_life_without_an_upper_bound_is_stated_as_a_lower_bound_with_the_reason():

@@ -12,7 +12,6 @@ from service.stream.assembly import Assembler, AssemblySettings
 from service.stream.frames import NS
 
 HOUR, DAY, YEAR = 3600 * NS, 86400 * NS, 365 * 86400 * NS
-LENGTH_NS = NS // 4
 
 
 def moved(frames, by, renumbered=None):

@@ -1,4 +1,4 @@
-"""The effect that the documentation adds as its example is one, and the documentation names what there is."""
+"""The effect that the documentation adds as its example is one."""
 
 import re
 import sys
@@ -10,7 +10,7 @@ import pytest
 
 from tests.dynamics_cases import model, relative
 from tests.effects_cases import solved
-from twin.effects import EFFECTS, Setup, neutral
+from twin.effects import EFFECTS, neutral
 from twin.effects.extended import extend
 from twin.errors import ParameterError
 from twin.tracing.mesh_trials import big_enough, mesh_trials, trial_of
@@ -54,16 +54,3 @@ def test_effect_of_the_example_is_traced_and_wears_by_slices_once_it_is_in_the_t
 def test_effect_that_does_not_repeat_with_the_mesh_cannot_be_fitted_to_mesh_lines():
     with pytest.raises(ParameterError, match="pitch_error has no number that could be fitted"):
         trial_of("pitch_error")
-
-
-def test_documentation_names_what_a_setup_can_take():
-    for method in (name for name in dir(Setup) if name.startswith("with_") and name != "with_load_lines"):
-        assert f"setup.{method}(" in README, method
-
-
-@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "none"])
-def test_file_of_an_effect_opens_with_equation_order_source_and_validity(name):
-    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8").split('"""')[1]
-    assert "\n\n    " in text
-    for heading in ("Order  ", "Source  ", "Holds  "):
-        assert f"\n{heading}" in text, heading

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from twin.errors import NotAvailable, ParameterError
 from twin.features.lines import noise_rms
-from twin.features.noise_floor import exceedance, median_bias, noise_floor, power_spectrum, threshold
+from twin.features.noise_floor import exceedance, median_bias, noise_floor, threshold
 from twin.features.resample import AngleSignal
 from twin.features.transforms import hann
 
@@ -14,7 +14,8 @@ N = 16384
 
 
 def floor_of(x):
-    power = power_spectrum(x, hann(x.size))
+    weight = hann(x.size)
+    power = np.abs(np.fft.rfft(weight * (x - weight @ x / weight.sum()))) ** 2
     return power, noise_floor(power)
 
 

@@ -1,107 +1,28 @@
 """Sentences that a person reads: actions and remedies begin with a verb, figures have units, kinds are in words."""
 
-import ast
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from service.alarms.quantities import QUANTITIES
 from service.cli.assets import change_line
 from service.cli.diagnosis import verdict
-from service.contract import effect_findings, findings
+from service.contract import effect_findings
 from service.contract.effects import Effect
 from service.contract.status import data_of, status_of
 from service.report.findings import findings as report_findings
 from tests.estimated_machines import rig_of
-from tests.unit.test_status import HEALTHY, effect, wear
-from twin import grounds
-from twin.assessment import Preliminary, Unexplained
+from tests.unit.test_status import HEALTHY, effect
+from twin.assessment import Unexplained
 from twin.baseline.diagnosis import _parameters
-from twin.effects import EFFECTS
-from twin.effects.channel_faults import CHANNEL_FAULTS
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.tracing.summary import _caveats
 from twin.updating.measurement import _remaining_difference
 
-ROOT = Path(__file__).parents[2]
-VERBS = {
-    "answer",
-    "check",
-    "compare",
-    "complete",
-    "confirm",
-    "find",
-    "inspect",
-    "measure",
-    "mount",
-    "plan",
-    "prepare",
-    "raise",
-    "record",
-    "remove",
-    "renew",
-    "replace",
-    "run",
-    "send",
-    "stop",
-    "write",
-}
-NONE = "No action needed."
 CAVEAT = "Cause and size are preliminary, because the values of the rig file for structure are estimates."
-
-
-def texts(node):
-    """The beginning of every text that an expression of constants, names and f-strings can give."""
-    if isinstance(node, ast.Constant):
-        return [node.value] if isinstance(node.value, str) else []
-    if isinstance(node, ast.JoinedStr):
-        return texts(node.values[0])
-    if isinstance(node, ast.Name) and isinstance(getattr(grounds, node.id, None), str):
-        return [getattr(grounds, node.id)]
-    if isinstance(node, (ast.Tuple, ast.List)):
-        return [text for item in node.elts for text in texts(item)]
-    return [*texts(node.body), *texts(node.orelse)] if isinstance(node, ast.IfExp) else []
-
-
-def given(folder, name):
-    """Every text that is given for an argument of this name."""
-    for file in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.keyword) and node.arg == name:
-                yield from texts(node.value)
-
-
-def first_word(text):
-    return text.split()[0].lower().strip(",.:")
-
-
-@pytest.mark.slow
-def test_every_remedy_begins_with_a_verb():
-    remedies = list(given("twin", "remedies"))
-    assert len(remedies) > 15 and {r for r in remedies if first_word(r) not in VERBS} == set()
-    doubt = Preliminary(reasons=("the rate is young",), remedies=tuple(remedies))
-    status = status_of(replace(HEALTHY, wear=replace(wear(), preliminary=doubt)))
-    assert first_word(status.action) in VERBS and status.action[0].isupper()
-
-
-@pytest.mark.slow
-def test_every_action_begins_with_a_verb():
-    actions = [kind.facts.action for kind in EFFECTS.values()] + [fault.action for fault in CHANNEL_FAULTS.values()]
-    actions += [quantity.action for quantity in QUANTITIES.values() if quantity.action]
-    actions += [
-        *effect_findings.OTHER_ACTIONS.values(),
-        effect_findings.UNNAMED_ACTION,
-        findings.INCOMPLETE,
-        findings.UNJUDGED,
-    ]
-    actions += [text for text in given("service", "action") if " " in text.strip()]
-    assert len(actions) > 25
-    assert {a for a in actions if first_word(a) not in VERBS and a != NONE} == set()
 
 
 def test_change_against_a_baseline_has_its_unit_in_the_status():

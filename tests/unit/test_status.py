@@ -231,13 +231,6 @@ def test_active_alarm_of_the_service_is_part_of_the_status():
     assert status["action"] == "Inspect the machine." and status["since"]["time"] == "t4"
 
 
-def test_report_of_an_earlier_version_keeps_its_level_and_has_an_action():
-    old = {"level": "watch", "reasons": ["Misalignment was found."], "since": {"time": "t", "revolutions": 1.0}}
-    status = shown(old, data_of([GOOD]))
-    assert status["level"] == "watch" and status["action"].endswith(".") and status["since"] == old["since"]
-    assert shown({"level": "normal", "reasons": ["All good."]}, data_of([GOOD]))["reasons"] == ["All good."]
-
-
 PRELIMINARY = Preliminary(
     reasons=("the wear coefficient is only that of the rig file",), remedies=("record a run at low speed",)
 )

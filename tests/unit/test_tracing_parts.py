@@ -15,6 +15,7 @@ from twin.features.non_gear import NonGearFeatures
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
 from twin.scales import Scales
+from twin.serial import from_plain, to_plain
 from twin.tracing.attribution import AttributedEffect
 from twin.tracing.attribution_loop import attribute_non_gear_content
 from twin.tracing.change_detection import floors, is_new, widened
@@ -172,7 +173,7 @@ def test_machine_without_a_twin_still_has_its_bearing_heard():
     assert effect.depth_after is None
     assert effect.parameters["order"].value == pytest.approx(3.6, rel=0.01)
     assert "no model of this machine" in attribution_of(tracing).reason
-    assert Tracing.from_dict(json.loads(json.dumps(tracing.to_dict()))) == tracing
+    assert from_plain(Tracing, json.loads(json.dumps(to_plain(tracing)))) == tracing
 
 
 def test_machine_whose_angle_is_too_coarse_for_the_mesh_has_its_bearing_heard_and_no_stray_lines():
@@ -269,10 +270,9 @@ def test_memory_of_the_tracing_is_plain_data_and_comes_back_whole():
         latest=TraceSummary(candidates=(("misalignment", 12.0),), held_out=(2, 5)),
         log=(event_of(Tracing(), "found", found()), decision_event(Tracing(), "rejected", "tooth_friction")),
     )
-    text = json.dumps(state.to_dict(), allow_nan=False)
-    assert Tracing.from_dict(json.loads(text)) == state
+    text = json.dumps(to_plain(state), allow_nan=False)
+    assert from_plain(Tracing, json.loads(text)) == state
     assert state.rejected == ("tooth_friction",)
-    assert Tracing.from_dict({}) == Tracing()
 
 
 def test_sign_is_new_where_it_stands_out_from_what_was_traced_and_from_its_floor():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, sqrt
 
 import numpy as np
@@ -116,7 +117,7 @@ def test_inspection_alone_sets_the_rate_before_any_worn_window():
     unworn = WearTrack.unworn(3 * RATE)
     found = wear_with_inspections(
         (), [inspected(2000, RATE * 2000, 100.0)], RatePrior(rate=3 * RATE, std=3 * RATE),
-        WearTrack(**{**unworn.to_dict(), "revolutions": 2000.0}), 3.5,
+        replace(unworn, revolutions=2000.0), 3.5,
     ).track  # fmt: skip
     assert found.work == pytest.approx(RATE * 2000, rel=0.01)
     assert found.rate == pytest.approx(RATE, rel=0.02)
@@ -125,7 +126,7 @@ def test_inspection_alone_sets_the_rate_before_any_worn_window():
 def test_rate_of_the_pair_before_is_weighed_with_an_inspection_by_its_own_spread():
     """Precision-weighted mean of a prior of 5·κ ± 50 % and an inspection."""
     prior, of = RatePrior(rate=5 * RATE, std=2.5 * RATE), WearTrack.unworn(5 * RATE)
-    by = WearTrack(**{**of.to_dict(), "revolutions": 1000.0, "work": 5 * RATE * 1000})
+    by = replace(of, revolutions=1000.0, work=5 * RATE * 1000)
     found = wear_with_inspections((), [inspected(1000, 4 * RATE * 1000, RATE * 1000)], prior, by, 3.5, drift=STEADY)
     weights = 1 / np.array([2.5, 1.0]) ** 2
     assert found.track.rate == pytest.approx(RATE * np.average([5, 4], weights=weights), rel=1e-6)

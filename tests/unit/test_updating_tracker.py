@@ -1,8 +1,5 @@
 """The wear coefficient as the slope of work over revolutions."""
 
-import json
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 
@@ -86,8 +83,3 @@ def test_rescaled_track_has_the_same_relative_uncertainty():
     assert other.rate / track.rate == pytest.approx(1.7)
     assert other.rate_std / other.rate == pytest.approx(track.rate_std / track.rate)
     assert other.work_std / other.work == pytest.approx(track.work_std / track.work)
-
-
-def test_track_survives_json_to_the_bit():
-    track = tracked(RATE * COUNTS, COUNTS)[-1]
-    assert astuple(WearTrack.from_dict(json.loads(json.dumps(track.to_dict())))) == astuple(track)

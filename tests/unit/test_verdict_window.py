@@ -8,7 +8,7 @@ import pytest
 from service.contract.answer import assemble
 from service.contract.base import iso_time
 from service.contract.finding import cause
-from service.contract.status import data_of, shown, status_after, status_of, with_status_since
+from service.contract.status import status_after, status_of, with_status_since
 from service.contract.window import refused_record
 from tests.unit.test_status import HEALTHY, effect, life
 from twin.held_level import HeldLevel
@@ -151,12 +151,6 @@ def test_window_number_of_the_verdict_is_that_of_the_record():
     after = with_status_since(kept, {"status": judged(rhythm).as_json()}, later, 1.0, index=9)
     assert after["status"]["verdict"]["window"] == 7 and after["status"]["verdict"]["not_assessed"] == 1
     assert with_status_since(after, report, later, None)["status"]["verdict"]["window"] == 7
-
-
-def test_report_without_a_verdicts_window_is_shown_as_before():
-    old = {"level": "normal", "reasons": ["All good."]}
-    records = [{"index": 0, "quality": "good", "start_time": iso_time(START)}]
-    assert shown(old, data_of(records), (), records)["reasons"] == ["All good."]
 
 
 # -- levels rise at once, and fall after some windows --------------------------------------------------------

@@ -7,22 +7,23 @@ from dataclasses import dataclass
 
 from twin.assessment.values import Interval, Unavailable
 from twin.assessment.window import MethodEstimates
+from twin.serial import Numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlankProfile:
     """Depth along one flank; (n,) each."""
 
-    radius: tuple[float, ...]  # [m]
-    roll_angle: tuple[float, ...]  # [rad]
-    depth: tuple[float, ...]  # [m]
+    radius: Numbers  # [m]
+    roll_angle: Numbers  # [rad]
+    depth: Numbers  # [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WearProfile:
     """Depth of both flanks along the nominal path of contact."""
 
-    path_position: tuple[float, ...]  # from the pitch point (n,) [m]
+    path_position: Numbers  # from the pitch point (n,) [m]
     pinion: FlankProfile
     gear: FlankProfile
 

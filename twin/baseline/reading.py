@@ -63,7 +63,7 @@ class ChannelLines:
     lines: np.ndarray  # X_k complex (K,), peak, in the channel's unit
     floor: np.ndarray  # mean |X|² that noise alone gives (K,)
     rms: float  # of the channel, its mean left out
-    off: OffLines | None = None  # what lies off the lines; None for parts of a window and in older baseline files
+    off: OffLines | None = None  # what lies off the lines; None for parts of a window
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 from twin.effects import EFFECTS
 from twin.effects.response import Effect
 from twin.effects.size_law import CONSTANT, SizeLaw, scaled
 from twin.errors import ParameterError
+from twin.serial import Named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Addition:
     """One effect in the twin."""
 
-    effect: Effect  # with the size that the law multiplies
+    effect: Annotated[Effect, Named(EFFECTS)]  # with the size that the law multiplies
     onset_revolutions: float = 0.0  # of the pinion; 0 where it was there from the start
     law: SizeLaw = CONSTANT
 
@@ -45,26 +45,6 @@ class Addition:
     def changes(self) -> tuple[float, ...]:
         """Revolutions of the onset and of every later abrupt change of size, rising."""
         return (self.onset_revolutions, *self.law.changes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        values = {f.name: getattr(self.effect, f.name) for f in fields(self.effect)}  # type: ignore[arg-type]
-        law = {} if self.law == CONSTANT else {"law": self.law.to_dict()}
-        return {
-            "name": self.name,
-            "values": {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()},
-            "onset_revolutions": self.onset_revolutions,
-            **law,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Addition:
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in data["values"].items()}
-        return cls(
-            effect=EFFECTS[data["name"]](**values),
-            onset_revolutions=data["onset_revolutions"],
-            law=SizeLaw.from_dict(data.get("law")),
-        )
 
 
 def name_of(effect: Effect) -> str:

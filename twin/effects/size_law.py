@@ -17,10 +17,8 @@ Source  the laws are those by which a fault is usually entered in prognostics: a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import log
-from typing import Any
 
 from twin.effects.parameter import Parameter
 from twin.effects.response import Effect
@@ -66,17 +64,6 @@ class SizeLaw:
     def changes(self) -> tuple[float, ...]:
         """Revolutions after the onset at which the size changes abruptly."""
         return self.revolutions if self.kind == "stepped" else ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {"kind": self.kind, "revolutions": list(self.revolutions), "factors": list(self.factors)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any] | None) -> SizeLaw:
-        """None of an effect that was stored before sizes had laws: its size is constant."""
-        if data is None:
-            return CONSTANT
-        return cls(kind=data["kind"], revolutions=tuple(data["revolutions"]), factors=tuple(data["factors"]))
 
 
 CONSTANT = SizeLaw()

@@ -69,11 +69,6 @@ class AngleTrack:
         """Pieces of t(θ): half as many lines beside a line of the window can follow the angle's error."""
         return self.knots.size - 1
 
-    @cached_property
-    def time_std(self) -> float:
-        """Standard deviation of the time at an angle, by the timing of the edges [s]."""
-        return float(np.sqrt(np.mean([e[3] ** 2 for e in self.errors]))) if self.errors else 0.0
-
     @property
     def doubt(self) -> str:
         """That the speed is one of several candidates; empty where it is not."""

@@ -23,7 +23,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
 
 from twin import compiled
 from twin.errors import NotAvailable, ParameterError
@@ -72,12 +71,6 @@ def median_bias(count) -> np.ndarray:
     alternating = np.cumsum(-((-1.0) ** np.arange(1, n.max() + 1)) / np.arange(1, n.max() + 1))
     odd = n - (n + 1) % 2
     return alternating[odd - 1]
-
-
-def power_spectrum(values, weight) -> np.ndarray:
-    """P of every bin from zero to half the sampling rate, mean taken out under the weight; (n,), (n,) → (m,)."""
-    mean = (weight @ values) / weight.sum()
-    return np.abs(fft.rfft(weight * (values - mean))) ** 2
 
 
 def noise_floor(power, lines=None, block: int = BLOCK) -> NoiseFloor:

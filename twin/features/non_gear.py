@@ -21,10 +21,9 @@ Limits   up to the rig's analysis band; impacts that fill a band of 1 kHz and mo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import pi
-from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -42,11 +41,9 @@ from twin.features.shaft_orders import fractions, owner_of
 from twin.features.tones import CLOSE, LOWEST, Tone, window_tones
 from twin.features.transforms import power_of
 from twin.rig import Rig
-from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
 from twin.windows import Window
 
-TUNED = "tuned on D00–D13 and T01–T58; not derived"
 RINGING_WIDTH = 60.0  # of the bands among which the frequency that impacts ring at is sought [Hz]
 MOST_READ = 16  # lines of no shaft that are read from every channel of a window
 HIGHEST_OTHER = 60.0  # order of the pinion up to which transmission error and torque are searched
@@ -125,28 +122,6 @@ class NonGearFeatures:
     turns: tuple[tuple[str, float | None, int], ...] = ()
     shafts: tuple[tuple[float, float], ...] = ()  # strongest lines of turns, away from the mesh's: order, amplitude
     locks: tuple[tuple[float, float, float], ...] = ()  # envelope at fractions of turns: order, real, imaginary
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {**asdict(replace(self, readings=())), "readings": to_plain(self.readings)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> NonGearFeatures:
-        return cls(
-            duration=data["duration"],
-            speed_hz=data["speed_hz"],
-            tones=tuple(tuple(t) for t in data["tones"]),
-            lines=tuple(tuple(line) for line in data["lines"]),
-            kurtosis=data["kurtosis"],
-            rates=tuple(tuple(r) for r in data["rates"]),
-            swelling=tuple((name, depth) for name, depth in data["swelling"]),
-            fault=data["fault"],
-            ringing=data["ringing"],
-            readings=from_plain(tuple[LineReading, ...], data["readings"]),
-            turns=tuple(tuple(shaft) for shaft in data["turns"]),
-            shafts=tuple(tuple(line) for line in data["shafts"]),
-            locks=tuple(tuple(line) for line in data["locks"]),
-        )
 
     def as_tones(self) -> tuple[Tone, ...]:
         return tuple(

@@ -8,16 +8,17 @@ mesh harmonic k with a sideband of p pinion orders and g gear orders; (0, p, 0) 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from twin.assessment import SensorIndicators
 from twin.errors import NotAvailable
-from twin.serial import from_plain, to_plain
+from twin.serial import Numbers, Packed
 
 Key = tuple[int, int, int]
+Keys = Annotated[tuple[Key, ...], Packed("i2,i2,i2")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,11 +26,11 @@ class MeasuredLines:
     """Complex lines of one signal: x(θ) ≈ Re Σ X exp(i·order·θ), θ the absolute pinion angle."""
 
     unit: str
-    keys: tuple[Key, ...]
-    orders: tuple[float, ...]
-    amplitudes: tuple[complex, ...]  # peak, in `unit`; (0, 0, 0) is the mean
-    std: tuple[float, ...]  # of the real and of the imaginary part
-    unresolved: tuple[Key, ...] = ()  # too close to a line named before them for this many turns
+    keys: Keys
+    orders: Numbers
+    amplitudes: Annotated[tuple[complex, ...], Packed("c16")]  # peak, in `unit`; (0, 0, 0) is the mean
+    std: Numbers  # of the real and of the imaginary part
+    unresolved: Keys = ()  # too close to a line named before them for this many turns
 
     def get(self, k: int, pinion: int = 0, gear: int = 0) -> complex | None:
         """The amplitude of one line; None where it was not read."""
@@ -62,28 +63,6 @@ class MeasuredLines:
             np.array([self.keys[i][0] for i in chosen], dtype=int),
             np.array([self.amplitudes[i] for i in chosen], dtype=complex),
             np.array([self.std[i] for i in chosen]),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact: complex as [re, im]."""
-        return {
-            "unit": self.unit,
-            "keys": [list(k) for k in self.keys],
-            "orders": list(self.orders),
-            "amplitudes": [[a.real, a.imag] for a in self.amplitudes],
-            "std": list(self.std),
-            "unresolved": [list(k) for k in self.unresolved],
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> MeasuredLines:
-        return cls(
-            unit=data["unit"],
-            keys=tuple((int(k), int(p), int(g)) for k, p, g in data["keys"]),
-            orders=tuple(data["orders"]),
-            amplitudes=tuple(complex(re, im) for re, im in data["amplitudes"]),
-            std=tuple(data["std"]),
-            unresolved=tuple((int(k), int(p), int(g)) for k, p, g in data["unresolved"]),
         )
 
 
@@ -121,31 +100,3 @@ class WindowFeatures:
     indicators: Mapping[str, SensorIndicators] = field(default_factory=dict)  # by accelerometer, without NA4
 
     unavailable: Mapping[str, str] = field(default_factory=dict)  # what is None, and why
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        out: dict[str, Any] = {}
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if isinstance(value, MeasuredLines):
-                value = value.to_dict()
-            elif f.name == "indicators":
-                value = to_plain(value)
-            elif isinstance(value, tuple):
-                value = list(value)
-            elif isinstance(value, Mapping):
-                value = dict(value)
-            out[f.name] = value
-        return out
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> WindowFeatures:
-        values = {name: value for name, value in data.items() if name != "torque_std_nm"}  # kept by version 1
-        for name in ("acceleration", "transmission_error", "pinion_motion", "torque"):
-            if values.get(name) is not None:
-                values[name] = MeasuredLines.from_dict(values[name])
-        for name in ("band", "mesh_bands"):
-            if values.get(name) is not None:
-                values[name] = tuple(values[name])
-        values["indicators"] = from_plain(Mapping[str, SensorIndicators], values.get("indicators", {}))
-        return cls(**values)

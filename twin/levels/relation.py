@@ -327,8 +327,8 @@ class Relation:
         def each(name: str) -> dict[str, float]:
             return {k: float(v[name]) for k, v in conditions.items()}
 
-        of, unworn, correlation = data.get("of", {}), data.get("unworn"), data.get("correlation")
-        band = of.get("band_hz")
+        of, unworn, correlation = data["of"], data["unworn"], data["correlation"]
+        band = of["band_hz"]
 
         return cls(
             curves=curves,
@@ -345,14 +345,12 @@ class Relation:
                 log_level=np.array(unworn["log_level"], float),
                 covariance=np.array(unworn["covariance"], float),
             ),
-            quantities={
-                k: Quantity(column=v["column"], unit=v["unit"]) for k, v in conditions.items() if v.get("column")
-            },
+            quantities={k: Quantity(column=v["column"], unit=v["unit"]) for k, v in conditions.items() if v["column"]},
             origin=Origin(
-                asset=of.get("asset"),
-                curve=of.get("curve", MODEL),
-                causes=tuple(of.get("causes", ())),
-                sensor=of.get("sensor"),
+                asset=of["asset"],
+                curve=of["curve"],
+                causes=tuple(of["causes"]),
+                sensor=of["sensor"],
                 band=None if band is None else (float(band[0]), float(band[1])),
             ),
         )
@@ -445,7 +443,7 @@ def fit(cases: Cases, curves: Mapping[str, LevelCurve], form: Form | None = None
     return unworn_of(relation, cases)
 
 
-def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, seed: int = 1) -> NotRising | None:
+def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS) -> NotRising | None:
     """The longest run of deepest cases over which the level does not rise with depth (Spearman's ρ ≤ 0).
 
     Many runs are looked at and each may not rise by chance. So the rising level b + g·depth^q that fits best in
@@ -461,7 +459,7 @@ def falling_region(depth: np.ndarray, level: np.ndarray, *, draws: int = DRAWS, 
     if not length:
         return None
     rising, std = _rising(d, r)
-    drawn = rising * np.exp(std * np.random.default_rng(seed).standard_normal((draws, d.size)))
+    drawn = rising * np.exp(std * np.random.default_rng(1).standard_normal((draws, d.size)))
     p = float(1 + np.sum(_not_rising(d, drawn)[0] >= length)) / (1 + draws)
     return None if p > LIMITS.chance else NotRising(start=float(d[-length]), spearman=float(ρ), p=p)
 

@@ -17,19 +17,7 @@ from __future__ import annotations
 
 from math import pi
 
-import numpy as np
-
-from twin.geometry.gear_pair import GearPair
-
 
 def hertz_compliance(*, youngs_modulus: float, poisson_ratio: float, face_width: float) -> float:
     """1/k_h [m/N]."""
     return 4 * (1 - poisson_ratio**2) / (pi * youngs_modulus * face_width)
-
-
-def contact_half_width(pair: GearPair, s, force):
-    """b [m] of a pair of new flanks at path positions s [m] under a normal force [N]; (n,) → (n,)."""
-    ρ1, ρ2 = pair.curvature_radius(np.asarray(s, float))
-    modulus = pair.youngs_modulus / (2 * (1 - pair.poisson_ratio**2))
-    ρ = ρ1 * ρ2 / (ρ1 + ρ2)
-    return np.sqrt(4 * np.maximum(force, 0.0) * np.maximum(ρ, 0.0) / (pi * pair.face_width * modulus))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -71,41 +70,3 @@ class AttributedEffect:
         trial, addition = trial_of(self.name), self.addition
         stages = np.reshape(self.numbers, (-1, len(trial.free)))
         return with_law(trial, addition.law, addition.onset_revolutions, list(stages))
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {
-            "addition": self.addition.to_dict(),
-            "parameters": {name: list(figures) for name, figures in self.parameters.items()},
-            "log_evidence": self.log_evidence,
-            "runner_up": self.runner_up,
-            "over_runner_up": self.over_runner_up,
-            "alike": list(self.alike),
-            "detail": self.detail,
-            "numbers": list(self.numbers),
-            "onset_std": self.onset_std,
-            "chance": self.chance,
-            "fitted": list(self.fitted),
-            "change_std": None if self.change_std is None else list(self.change_std),
-            "earlier": [{"addition": n.addition.to_dict(), "fitted": list(n.fitted)} for n in self.earlier],
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> AttributedEffect:
-        return cls(
-            addition=Addition.from_dict(data["addition"]),
-            parameters={name: (v, unit, std) for name, (v, unit, std) in data["parameters"].items()},
-            log_evidence=data["log_evidence"],
-            runner_up=data["runner_up"],
-            over_runner_up=data["over_runner_up"],
-            alike=tuple(data["alike"]),
-            detail=data["detail"],
-            numbers=tuple(data["numbers"]),
-            onset_std=data["onset_std"],
-            chance=data["chance"],
-            fitted=tuple(data["fitted"]),
-            change_std=None if data["change_std"] is None else tuple(data["change_std"]),
-            earlier=tuple(
-                Numbers(addition=Addition.from_dict(n["addition"]), fitted=tuple(n["fitted"])) for n in data["earlier"]
-            ),
-        )

@@ -146,7 +146,6 @@ class HealthyLines:
         std: np.ndarray,
         depth: float,
         learned: LearnedFactors,
-        window: int,
     ) -> np.ndarray:
         """v of a channel's lines in one window (n,), in the square of the channel's unit.
 
@@ -154,7 +153,6 @@ class HealthyLines:
         parts      √(|m₀|² + |m − m₀|²) (n,)
         std        σ (n,)
         depth      of wear [m]
-        window     index, which decides how much of the learned factors is still known
         """
         frequency = np.maximum(orders * speed_hz, 1.0)
         apart = depth if channel == "torque" else learned.apart(depth)

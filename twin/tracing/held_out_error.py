@@ -134,7 +134,7 @@ def compare(
         factor = {"acceleration": ρ * t, "torque": 1.0}.get(name, t)
         inside = orders * condition.speed_hz <= (top if name == "acceleration" else np.inf)
         orders, y, std, m, new = (x[inside] for x in (orders, y, std, m * factor, new * factor))
-        v = healthy.variance(name, orders, condition.speed_hz, parts(m, new), std, depth, learned, window.index)
+        v = healthy.variance(name, orders, condition.speed_hz, parts(m, new), std, depth, learned)
         channels[name] = ChannelComparison(orders=orders, measured=y, predicted=m, std=std, variance=v)
     heard = channels["acceleration"]
     in_band = heard.orders * condition.speed_hz >= rig.band[0]

@@ -1,14 +1,12 @@
-"""What the attribution remembers of one machine: plain data with its two-way translation."""
+"""What the attribution remembers of one machine."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from twin.assessment import EffectEvent, HeldOutErrors, HeldOutResidual, MovedLines, ParameterValue, SpectralLine
 from twin.effects.addition import Addition
-from twin.serial import from_plain, to_plain
 from twin.thresholds import deciding
 from twin.tracing.attribution import AttributedEffect
 from twin.updating.history import WindowInput
@@ -38,24 +36,6 @@ class TwinStage:
     depth: float = 0.0  # at the latest measurement window [m]
     depths: Mapping[int, float] = field(default_factory=dict)  # by window [m]
     life: float | None = None  # left at the latest measurement window [revolutions of the pinion]
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {
-            "memory": self.memory.to_dict(),
-            "depth": self.depth,
-            "depths": [[i, d] for i, d in self.depths.items()],
-            "life": self.life,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> TwinStage:
-        return cls(
-            memory=Memory.from_dict(data["memory"]),
-            depth=data["depth"],
-            depths={int(i): d for i, d in data["depths"]},
-            life=data["life"],
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,59 +134,6 @@ class Tracing:
     def few_windows(self) -> bool:
         """Whether fewer measurement windows than a search needs have come since the machine was last changed."""
         return self.measured - self.started < LEAST_WINDOWS
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {
-            "history": [t.to_dict() for t in self.history],
-            "start": None if self.start is None else self.start.to_dict(),
-            "started": self.started,
-            "widened": list(self.widened),
-            "measured": self.measured,
-            "next_search": self.next_search,
-            "next_trace": self.next_trace,
-            "phase": self.phase,
-            "turns": [list(turn) for turn in self.turns],
-            "signs": dict(self.signs),
-            "found": [f.to_dict() for f in self.found],
-            "stages": [s.to_dict() for s in self.stages],
-            "decisions": dict(self.decisions),
-            **{name: to_plain(getattr(self, name)) for name in _TYPED},
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Tracing:
-        if not data:
-            return cls()
-        return cls(
-            history=tuple(WindowInput.from_dict(t) for t in data["history"]),
-            start=None if data["start"] is None else Memory.from_dict(data["start"]),
-            started=data["started"],
-            widened=tuple(data["widened"]),
-            measured=data["measured"],
-            next_search=data["next_search"],
-            next_trace=data["next_trace"],
-            phase=data["phase"],
-            turns=tuple((since, angle) for since, angle in data["turns"]),
-            signs=data["signs"],
-            found=tuple(AttributedEffect.from_dict(f) for f in data["found"]),
-            stages=tuple(TwinStage.from_dict(s) for s in data["stages"]),
-            decisions=dict(data["decisions"]),
-            **{name: from_plain(kind, data[name]) for name, kind in _TYPED.items()},
-        )
-
-
-_TYPED: dict[str, Any] = {
-    "refuted": Mapping[str, Refusal],
-    "errors": tuple[EffectErrors, ...],
-    "error": HeldOutErrors | None,
-    "residual": HeldOutResidual | None,
-    "unattributed": tuple[SpectralLine, ...],
-    "unknown": str,
-    "struck": str,
-    "latest": TraceSummary,
-    "log": tuple[EffectEvent, ...],
-}
 
 
 def relevant(found: Iterable[AttributedEffect]) -> tuple[Addition, ...]:

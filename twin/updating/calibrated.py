@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from twin.assessment import CalibrationAssessment, Unavailable
 from twin.errors import NotAvailable
 from twin.model import Calibration
@@ -18,12 +20,10 @@ def calibration_of(rig: Rig, memory: Memory) -> CalibrationAssessment | Unavaila
             prior = Calibration.prior(rig)
         except NotAvailable as missing:
             return Unavailable(reason=str(missing))
-        return CalibrationAssessment(
-            source="rig file", values=prior.to_dict(), mesh_stiffness=rig.mesh_stiffness_source
-        )
+        return CalibrationAssessment(source="rig file", values=asdict(prior), mesh_stiffness=rig.mesh_stiffness_source)
     return CalibrationAssessment(
         source="windows",
-        values=fit.calibration.to_dict(),
+        values=asdict(fit.calibration),
         std=dict(fit.std),
         windows=fit.windows,
         misfit=fit.misfit,

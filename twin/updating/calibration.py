@@ -15,7 +15,7 @@ Source   paper, section 3.3; posterior covariance from the Jacobian at the optim
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -232,9 +232,8 @@ def fit_half_width(fit: Fit, misfit: Callable[[float], float], factors: Sequence
     curvature, slope, _ = np.polyfit(u, cost, 2)
     best = float(np.clip(-slope / (2 * curvature), u[0], u[-1])) if curvature > 0 else float(u[np.argmin(cost)])
     std = float(np.sqrt(1 / max(curvature, 1 / PRIOR.contact_half_width**2)))
-    values = {**fit.calibration.to_dict(), "contact_half_width": a0 * float(np.exp(best))}
     return Fit(
-        calibration=Calibration.from_dict(values),
+        calibration=replace(fit.calibration, contact_half_width=a0 * float(np.exp(best))),
         std={**fit.std, "contact_half_width": std},
         windows=fit.windows,
         misfit=fit.misfit,

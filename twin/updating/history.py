@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from twin.effects.addition import Addition
 from twin.errors import NotAvailable, NotConverged
@@ -28,28 +27,6 @@ class WindowInput:
     torque_fault: str | None = None  # why the torque is doubtful
     torque_unknown: str | None = None  # why it is not known at all
     non_gear: NonGearFeatures | None = None  # content of the acceleration that no gear makes
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return {
-            "index": self.index,
-            "features": self.features.to_dict(),
-            "level_fault": self.level_fault,
-            "torque_fault": self.torque_fault,
-            "torque_unknown": self.torque_unknown,
-            "non_gear": None if self.non_gear is None else self.non_gear.to_dict(),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> WindowInput:
-        return cls(
-            index=data["index"],
-            features=WindowFeatures.from_dict(data["features"]),
-            level_fault=data["level_fault"],
-            torque_fault=data["torque_fault"],
-            torque_unknown=data["torque_unknown"],
-            non_gear=None if data["non_gear"] is None else NonGearFeatures.from_dict(data["non_gear"]),
-        )
 
 
 def update_window(rig: Rig, memory: Memory, window: WindowInput, options: UpdateOptions) -> UpdateOutcome:

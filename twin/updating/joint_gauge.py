@@ -29,9 +29,7 @@ Ignores  phases of the lines, which the structure turns as well; that depth neve
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -152,31 +150,6 @@ class LineFactors:
         P[:, ZERO] = 0.0
         P[ZERO, ZERO] = UNKNOWN_ZERO**2
         return replace(self, covariance=_rows(P), has_zero=False)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "speed_hz": self.speed_hz,
-            "mean": list(self.mean),
-            "covariance": [list(row) for row in self.covariance],
-            "has_zero": self.has_zero,
-            "depth": self.depth,
-            "depth_std": self.depth_std,
-            "fresh": self.fresh,
-            "contradicted": self.contradicted,
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> LineFactors:
-        return cls(
-            speed_hz=data["speed_hz"],
-            mean=tuple(data["mean"]),
-            covariance=tuple(tuple(row) for row in data["covariance"]),
-            has_zero=data["has_zero"],
-            depth=data["depth"],
-            depth_std=data["depth_std"],
-            fresh=data["fresh"],
-            contradicted=data["contradicted"],
-        )
 
 
 def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:

@@ -8,7 +8,7 @@ of one kind share curves, and a change of the operating condition needs the pres
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from twin.model import Calibration, Condition, Model
 from twin.rig import Rig
 from twin.serial import to_plain
 from twin.thresholds import deciding
-from twin.updating.memory import KEPT_SEGMENTS, Memory, Segment, StoredProfile
+from twin.updating.memory import Memory, Segment, StoredProfile
 from twin.updating.path_cache import PathCache
 from twin.wear.curve import MasterCurve
 from twin.wear.kept_points import KeptPoints
@@ -85,9 +85,10 @@ class PathKey(NamedTuple):
     @property
     def text(self) -> bytes:
         """The same in every process, and for equal keys alone."""
-        values = self.calibration, self.condition, self.effects, [type(e).__name__ for e in self.effects], self.furthest
-        start = ("", "") if self.start is None else (self.start.shape, self.start.data.hex())
-        return json.dumps([self.rig.text, to_plain(values), *start]).encode()
+        effects = [(type(effect).__name__, to_plain(effect)) for effect in self.effects]
+        start = None if self.start is None else to_plain(self.start)
+        values = to_plain(self.calibration), to_plain(self.condition), effects, start, self.furthest
+        return json.dumps([self.rig.text, *values]).encode()
 
 
 @lru_cache(maxsize=KEPT_MODELS)
@@ -169,22 +170,6 @@ def curve_under(rig: Rig, memory: Memory, condition: Condition) -> MasterCurve:
 def start_of_curve(rig: Rig, memory: Memory) -> MasterCurve:
     """The first point of the present segment's curve alone: its lines are held at any depth."""
     return MasterCurve(path=_path(rig, memory, memory.segments[-1], 0.0), limit=0.0)
-
-
-def with_profiles(rig: Rig, memory: Memory) -> Memory:
-    """The memory with the profile at the start of every segment, and with no more segments than are kept.
-
-    Segments of a memory of schema version 1 know the depth at their start alone: the profile is that of the segment
-    before at this depth, one after the other.
-    """
-    segments = list(memory.segments)
-    for i in range(1, len(segments)):
-        if segments[i].start_profile is None and segments[i].start_depth > 0:
-            before = MasterCurve(path=_path(rig, memory, segments[i - 1]), limit=segments[i].start_depth)
-            profile = before.profile(max(segments[i].start_depth, before.start_depth))
-            segments[i] = replace(segments[i], start_profile=StoredProfile.of(profile))
-    kept = tuple(segments[-KEPT_SEGMENTS:])
-    return memory if kept == memory.segments else replace(memory, segments=kept)
 
 
 def profile_of(rig: Rig, memory: Memory, revolutions: float, depth: float) -> WornProfile:

@@ -10,15 +10,13 @@ Limits   lines up to mesh harmonic LINES and to the upper end of the band of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from twin.assessment import HarmonicBand, Residual, SpectralLine, Unavailable
 from twin.features.window_features import WindowFeatures
-from twin.serial import from_plain, to_plain
 from twin.updating.update import UpdateOutcome
 from twin.wear.curve import LINES
 
@@ -38,14 +36,6 @@ class WindowResidual:
     bands: tuple[HarmonicBand, ...]
     lines: tuple[SpectralLine, ...]  # strongest first
     between: float = 0.0  # 2·b², of the vibration between the lines
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-safe and exact."""
-        return to_plain(self)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> WindowResidual:
-        return from_plain(cls, data)
 
 
 def residual_of_window(

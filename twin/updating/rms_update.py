@@ -11,9 +11,8 @@ Holds    where the level rises with depth and the calibrated level is right; in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 MAX_ITERATIONS = 30  # each at most a factor LARGEST_STEP on K: far more than any coefficient is wrong by
 LARGEST_STEP = 3.0
@@ -27,13 +26,6 @@ class RmsTrack:
     work: float = 0.0  # x [rad/N]
     rate: float = 0.0  # κ = K·τ·ω1 [rad/N per revolution], 0 before the first window
     updates: int = 0
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> RmsTrack:
-        return cls(**values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

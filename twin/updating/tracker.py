@@ -13,9 +13,7 @@ Source   R. E. Kalman, J. Basic Eng. 82 (1960) 35–45
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -144,10 +142,3 @@ class WearTrack:
             cov=self.cov * factor**2,
             var_rate=self.var_rate * factor**2,
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> WearTrack:
-        return cls(**{"steady": values["windows"], **values})

@@ -17,7 +17,7 @@ from twin.updating.depth_search import phase_of_known_depth
 from twin.updating.joint_update import of_known_depth, settled_jointly
 from twin.updating.measurement import SCATTER, measurement_window, projected_std, unworn_model
 from twin.updating.memory import Memory
-from twin.updating.model_cache import curve_of, model_of, start_of_curve, with_profiles
+from twin.updating.model_cache import curve_of, model_of, start_of_curve
 from twin.updating.outcome import UpdateOptions, UpdateOutcome, depth_band
 from twin.updating.prediction import Expectation, predicted_lines
 from twin.updating.rms_update import RmsTrack
@@ -100,7 +100,7 @@ def update_twin(
     window = Measured.of(features, rig, level_fault, torque_fault)
     if not (window.unworn or memory.track.windows):
         window = replace(window, kind="measurement")  # of flanks that nothing is known of, at whatever speed
-    memory = with_profiles(rig, _started(rig, memory))
+    memory = _started(rig, memory)
     if _calibrates(memory, window):
         memory = _calibrated(rig, memory, features)
     if window.kind == "calibration":

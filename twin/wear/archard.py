@@ -42,11 +42,6 @@ from twin.geometry import GearPair
 from twin.wear.profile import POINTS_PER_PITCH
 
 
-def dwell_time(reference: float, reference_speed_hz: float, pinion_speed_hz: float) -> float:
-    """τ [s] at a pinion speed [Hz], given τ at the reference speed."""
-    return reference * reference_speed_hz / pinion_speed_hz
-
-
 def specific_wear_rate(pair: GearPair, K: float, dwell: float, pinion_speed_hz: float) -> float:
     """k [m²/N] of a wear coefficient K [1/N] stated with its dwell time [s] at a pinion speed [Hz].
 
