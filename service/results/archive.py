@@ -160,7 +160,8 @@ def _named(copy: Path) -> dict[str, list[str]]:
     """The files that a database refers to, by folder."""
     with closing(sqlite3.connect(copy)) as db:
         tables = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        waiting = [f"{n:08d}{SUFFIX}" for (n,) in db.execute("SELECT id FROM waiting")] if "waiting" in tables else []
+        windows = db.execute("SELECT id FROM jobs WHERE kind = 'window'") if "jobs" in tables else ()
+        waiting = [f"{n:08d}{SUFFIX}" for (n,) in windows]
         own = [name for (name,) in db.execute("SELECT file FROM baselines")] if "baselines" in tables else []
     return {WAITING: waiting, BASELINES: own}
 

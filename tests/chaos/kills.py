@@ -138,7 +138,7 @@ def _acknowledged(data: Path) -> dict[str, set[int]]:
 
 def _waiting(data: Path) -> int:
     with sqlite3.connect(data / DATABASE) as db:
-        (count,) = db.execute("SELECT COUNT(*) FROM waiting").fetchone()
+        (count,) = db.execute("SELECT COUNT(*) FROM jobs WHERE kind = 'window'").fetchone()
     db.close()
     return int(count)
 
@@ -146,10 +146,8 @@ def _waiting(data: Path) -> int:
 def _decisions(data: Path) -> tuple[int, int, int]:
     """Decisions that are done, those that wait, and the events that tell of them."""
     with sqlite3.connect(data / DATABASE) as db:
-        done, waits = (
-            db.execute("SELECT COUNT(*) FROM decisions WHERE done = ? AND refused IS NULL", (flag,)).fetchone()[0]
-            for flag in (True, False)
-        )
+        query = "SELECT COUNT(*) FROM jobs WHERE kind = 'decision' AND done = ? AND refused IS NULL"
+        done, waits = (db.execute(query, (flag,)).fetchone()[0] for flag in (True, False))
         noted = db.execute("SELECT COUNT(*) FROM events WHERE kind = 'effect'").fetchone()[0]
     db.close()
     return done, waits, noted

@@ -180,8 +180,8 @@ def test_inspection_of_an_asset_without_a_committed_window_is_kept(store, board)
 
 def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store, monkeypatch):
     """The store is slow to answer: liveness is answered all the same."""
-    release, rows = threading.Event(), store._rows
-    monkeypatch.setattr(store, "_rows", lambda *given: release.wait(20) and rows(*given))
+    release, rows = threading.Event(), store.database.rows
+    monkeypatch.setattr(store.database, "rows", lambda *given: release.wait(20) and rows(*given))
 
     async def both():
         transport = httpx.ASGITransport(app=client.app)

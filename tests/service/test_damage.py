@@ -114,7 +114,7 @@ def test_damaged_memory_of_the_alarms_begins_anew(path, caplog):
     hurt(path, "alarm_memory", "memory", "asset = 'hurt'")
     with SqlStore(path) as store:
         alarms = AlarmStore(store.database)
-        assert alarms.memory("hurt").to_dict() == alarms.memory("sound").to_dict()
+        assert alarms.memory("hurt") == alarms.memory("sound")
     assert "what the alarms remember of hurt is damaged" in caplog.text
 
 

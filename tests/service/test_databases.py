@@ -100,7 +100,7 @@ def test_server_that_was_set_up_without_a_locale_keeps_names_as_they_are(postgre
         fakes.take(store, None, "unsw", 0, 100.0)
         fakes.decide(store, "unsw", "misalignment", "pin", "Zoë Łącka", "measured: 3 µm")
         (decision,) = fakes.decisions(store, "unsw")
-        assert (decision.by, decision.note) == ("Zoë Łącka", "measured: 3 µm")
+        assert (decision.given["by"], decision.given["note"]) == ("Zoë Łącka", "measured: 3 µm")
 
 
 def test_connections_that_the_server_dropped_are_replaced(postgresql, postgresql_server):

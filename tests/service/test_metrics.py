@@ -117,7 +117,7 @@ def test_scrape_is_answered_while_the_storage_cannot_be_used(store, board, monke
     collector = AssetCollector(board, fakes.jobs_of(store), dict, 10)
     before = [family.samples for family in collector.collect()]
 
-    def unavailable():
+    def unavailable(jobs):
         raise StorageUnavailable("locked", reason="locked") from sqlite3.OperationalError("locked")
 
     monkeypatch.setattr(Jobs, "decision_counts", unavailable)
@@ -167,7 +167,7 @@ def test_what_is_exported_of_an_asset_does_not_grow_with_its_history(store, boar
 def test_scrape_of_200_assets_takes_little_of_the_processor_and_leaves_the_event_loop_free(store, board):
     for number in range(200):
         fakes.take(store, board, f"m{number:03d}", 0, 100.0, faults=(fakes.FAULT,))
-    found, times, waits = registry(board, store, dict, 500), [], []
+    found, times, waits = registry(board, fakes.jobs_of(store), dict, 500), [], []
 
     def scrape():
         for _ in range(5):

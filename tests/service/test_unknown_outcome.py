@@ -72,7 +72,7 @@ def test_a_renamed_asset_goes_on_under_its_new_name(running, network, first, sec
     assert change(running, "renamed", name="press-7")[1]["done"] and len(unanswered) == 2
     wait_until(lambda: running.get("/v1/assets/press-7") is not None)
     assert running.get(UNSW) is None and running.get("/v1/assets/press-7")["question"] is None
-    assert [data["kind"] for kind, data in events(running, "press-7") if kind == "change"] == ["ignore", "renamed"]
+    assert [data["kind"] for kind, data in events(running) if kind == "change"] == ["ignore", "renamed"]
 
 
 @pytest.mark.slow
