@@ -28,9 +28,10 @@ from service.api.limits import Bounds, Limits
 from service.contract import rest
 from service.operation.health import Health
 from service.results.alarm_store import AlarmStore
+from service.results.asset_table import AssetTable
 from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
-from service.results.board import Shown
+from service.results.board import Board
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
@@ -47,7 +48,7 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 
 
 def create_app(
-    board: Shown,
+    board: AssetTable,
     store: ResultStore,
     queue: JobQueue | None = None,
     *,
@@ -64,6 +65,8 @@ def create_app(
     labelled_assets: int | None = LABELLED_ASSETS,
     health: Health | None = None,
     unserved: Callable[[], Sequence[int]] | None = None,
+    told: Callable[[str, str], object] = lambda what, asset: None,
+    live: Board | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -81,6 +84,8 @@ def create_app(
     labelled_assets  so many have metrics of their own; None where there are no metrics of assets
     health     the loops of the process; None where there are none
     unserved   the partitions of a fleet that nobody serves; None where this is no fleet
+    told       called with what people have written of an asset without a job, and the asset
+    live       what the process itself shows of the assets, for their metrics; None: as `board` has them
     """
     app = FastAPI(
         title="gear-twin",
@@ -90,7 +95,7 @@ def create_app(
         redoc_url=None,
     )
     app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
-    app.state.signals = signals
+    app.state.signals, app.state.told = signals, told
     app.state.health = health or Health()
     app.state.library = None if signals is None else _library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
@@ -104,7 +109,7 @@ def create_app(
     app.state.audit = log = audit or AuditLog(store.database, jobs=app.state.queue.jobs)
     counts: Counter[str] = Counter()
     app.state.registry = collector.registry(
-        board,
+        live or board,
         app.state.queue.jobs,
         lambda: {**figures(), **admitted.figures(), **log.figures(), "http_refused": dict(counts)},
         labelled_assets,
@@ -138,7 +143,7 @@ def _describe(app: FastAPI) -> None:
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def _library(signals: KeptSignals, store: ResultStore, board: Shown) -> Callable[[], Library]:
+def _library(signals: KeptSignals, store: ResultStore, board: AssetTable) -> Callable[[], Library]:
     """The views of the windows that are kept, made when somebody first asks for one."""
 
     @cache

@@ -19,6 +19,7 @@ from service.api.problems import problem, responses
 from service.api.reading import asset_of, snapshot_of
 from service.contract.alarms import Alarm
 from service.contract.base import AnswerModel
+from service.results.job_queue import ALARM
 from service.results.status_events import status_events
 
 router = APIRouter(prefix="/v1", tags=["alarms"], route_class=Guarded)
@@ -131,15 +132,15 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
         done = keeper.sign(own, number, VERBS[verb], signer(request, given.by) or "", given.note.strip())
         open_now = keeper.open(own)
         if done is not None:
-            shown = replace(before, alarms=open_now)
+            shown = replace(before, alarms=open_now).with_whole()
             store.note(own, (*done[1], *status_events(before, *shown.health())))
             what = {"alarm": number, "quantity": known["quantity"], "place": known["place"]}
             request.app.state.audit.enter(
                 request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
             )
-        last = store.last_event_id(own)
-    board.update(own, alarms=open_now, last_event_id=last)  # also of an attempt of which nobody knew that it was done
-    keeper.changed(own)
+        board.show(replace(before, alarms=open_now, last_event_id=store.last_event_id(own)))
+    request.app.state.told(ALARM, own)  # also of an attempt of which nobody knew that it was done
+    board.changed(own)
     if done is None:
         return problem(request, 409, _refusal(number, known))
     return JSONResponse(keeper.store.alarm(own, number))

@@ -15,12 +15,14 @@ from service.api.assets import ERRORS
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import asset_of, shown_of
+from service.api.reading import asset_of, shown_of, snapshot_of
 from service.contract import asset_life as models
 from service.contract.base import iso_time
 from service.contract.rest import AssetSummary
 from service.errors import FAULT, InputError
 from service.files.rig import checked_rig
+from service.results.board import Snapshot
+from service.results.job_queue import ASSET
 from service.results.jobs import Job
 
 router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
@@ -55,13 +57,15 @@ def begin_asset(
         store.note(asset, [("change", {"kind": kind, "by": signed, "note": note})])
         if rig is not None:
             store.keep_rig(asset, rig)
+        board.show(Snapshot(asset=asset, rig=rig, last_event_id=store.last_event_id(asset)))
 
     try:
         audited(request, f"asset {kind}", asset, kept, note=note, what={"rig": rig is not None})
     except InputError as error:
         return problem(request, 409, str(error))
-    shown = board.update(asset, rig=rig, last_event_id=store.last_event_id(asset))
-    return JSONResponse(shown.summary(), 201)
+    request.app.state.told(ASSET, asset)
+    board.changed(asset)
+    return JSONResponse(snapshot_of(request, asset).summary(), 201)
 
 
 @router.get("/{asset}/changes", response_model=list[models.AssetChange], responses=ERRORS)

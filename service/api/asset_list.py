@@ -8,12 +8,12 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.conditional import answer
 from service.api.guard import Guarded, needs
 from service.api.problems import responses
-from service.api.reading import in_thread
 from service.contract import rest as models
 from service.contract.base import AnswerModel
 from service.contract.finding import Level
@@ -103,7 +103,7 @@ async def assets(request: Request, query: Annotated[ListQuery, Query()]) -> Any:
             made.headers["Link"] = f'<{query.address(request.url.path, page.next.cursor)}>; rel="next"'
         return made
 
-    return await in_thread(request, found)
+    return await run_in_threadpool(found)
 
 
 @router.get("/areas", response_model=list[Area])
@@ -111,4 +111,4 @@ async def assets(request: Request, query: Annotated[ListQuery, Query()]) -> Any:
 async def areas(request: Request) -> Any:
     """The parts of the plant by name: how many assets each has, by level."""
     board = request.app.state.board
-    return await in_thread(request, lambda: answer(request, board.areas()))
+    return await run_in_threadpool(lambda: answer(request, board.areas()))

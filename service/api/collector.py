@@ -19,7 +19,8 @@ from service.contract.finding import SEVERITY
 from service.contract.status import DATA_LEVELS
 from service.errors import StoreError
 from service.operation.metric_catalogue import METRICS, OF_ASSETS, OTHERS, MetricEntry
-from service.results.board import Shown, Snapshot
+from service.results.asset_table import AssetTable
+from service.results.board import Board, Snapshot
 from service.results.jobs import Jobs
 
 Figure = float | Histogram | Mapping[str, float] | Mapping[tuple[str, ...], float]
@@ -31,7 +32,9 @@ Figures = Mapping[str, Figure]
 MISSING, IN_PLACE = "lost", "disorder"  # kinds of frames that are counted on their own as well
 
 
-def registry(board: Shown, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> CollectorRegistry:
+def registry(
+    board: Board | AssetTable, jobs: Jobs, figures: Callable[[], Figures], most: int | None
+) -> CollectorRegistry:
     """A registry of this app alone, that reads board and jobs when it is scraped.
 
     figures  of the process and of its assets, by the names of the catalogue
@@ -45,7 +48,7 @@ def registry(board: Shown, jobs: Jobs, figures: Callable[[], Figures], most: int
 class AssetCollector(Collector):
     """The board and the figures of the process as Prometheus metrics."""
 
-    def __init__(self, board: Shown, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> None:
+    def __init__(self, board: Board | AssetTable, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> None:
         self._board, self._jobs, self._figures, self._most = board, jobs, figures, most
         self._labelled: set[str] = set()  # assets with metrics of their own
         self._decisions: Mapping[str, Mapping[str, int]] = {}

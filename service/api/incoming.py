@@ -9,13 +9,13 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.asset_life import begin_asset
 from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import in_thread
 from service.contract.base import AnswerModel, iso_time
 from service.contract.position import PositionModel, not_connected
 from service.contract.rest import AssetSummary
@@ -97,7 +97,7 @@ async def unknown_assets(request: Request) -> Any:
             {"asks": unknown.asks, "frames": unknown.frames, "forgotten": unknown.forgotten, "assets": found}
         )
 
-    return await in_thread(request, answer)
+    return await run_in_threadpool(answer)
 
 
 @router.post(

@@ -7,11 +7,11 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.guard import Guarded, may_read, needs, public
 from service.api.problems import problem, responses
-from service.api.reading import in_thread
 from service.contract import rest as models
 from service.contract.base import iso_time
 
@@ -47,7 +47,7 @@ async def readyz(request: Request) -> Any:
     if not await may_read(request):
         return JSONResponse({"status": "ready"})
     board, unserved = request.app.state.board, request.app.state.unserved
-    found = await in_thread(request, board.stale)
+    found = await run_in_threadpool(board.stale)
     stale = [{"asset": asset, "since": since, "reason": reason} for asset, reason, since in found]
     fleet = {} if unserved is None else {"unserved_partitions": list(unserved())}
     return JSONResponse({"status": "ready", "stale": stale, **fleet})

@@ -18,7 +18,7 @@ from service.api.audit import audited
 from service.api.guard import Guarded, needs
 from service.api.incoming import Reason
 from service.api.problems import problem, responses
-from service.api.reading import in_thread, shown_of
+from service.api.reading import shown_of
 from service.contract.asset_life import AssetChange
 from service.contract.base import AnswerModel, iso_time
 from service.files.rig_difference import differences
@@ -56,7 +56,7 @@ class RigDecision(Reason):
 @needs(Role.read)
 async def rig_proposals(request: Request) -> Any:
     """The rig files that came on the stream and wait for a person, of all assets."""
-    return await in_thread(request, lambda: JSONResponse([_shown(request, each) for each in _proposals(request).all()]))
+    return await run_in_threadpool(lambda: JSONResponse([_shown(request, each) for each in _proposals(request).all()]))
 
 
 @router.post(
@@ -70,7 +70,7 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
     own = (await shown_of(request, asset)).asset
     proposals, queue = _proposals(request), request.app.state.queue
-    proposal = await in_thread(request, lambda: proposals.find(own))
+    proposal = await run_in_threadpool(lambda: proposals.find(own))
     if proposal is None or proposal.digest != given.digest:
         now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
         return problem(request, 409, f"{asset}: the rig file {given.digest} is not proposed; {now}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.contract.base import iso_time
+from service.fleet.front_database import tables_of
 from service.fleet.heartbeat import SILENT
-from service.fleet.layout import ASSETS, ASSETS_A_PARTITION, PARTITIONS, SERVER_NOW, Layout
+from service.fleet.layout import ASSETS_A_PARTITION, PARTITIONS, SERVER_NOW, Layout, schema_of
+from service.results.schema import ASSETS
 
 NS = 1_000_000_000
 
@@ -44,13 +47,13 @@ def census(tables: sa.Engine, layout: Layout) -> Census:
     age = (SERVER_NOW - PARTITIONS.c.seen_ns).label("age_ns")
     with tables.connect() as db:
         partitions = db.execute(sa.select(PARTITIONS, age).order_by(PARTITIONS.c.number)).mappings().all()
-        counts: dict[int, int] = {
-            row[0]: row[1]
-            for row in db.execute(sa.select(ASSETS.c.partition, sa.func.count()).group_by(ASSETS.c.partition))
-        }
-        levels: dict[str, int] = {
-            row[0]: row[1] for row in db.execute(sa.select(ASSETS.c.level, sa.func.count()).group_by(ASSETS.c.level))
-        }
+        counts, levels = Counter[int](), Counter[str]()
+        made = set(sa.inspect(db).get_schema_names())
+        for number in (number for number in layout.all if schema_of(number) in made):
+            table = tables_of(number)[ASSETS.name]
+            for level, count in db.execute(sa.select(table.c.level, sa.func.count()).group_by(table.c.level)):
+                counts[number] += count
+                levels[level] += count
     nodes, silent, rows = {}, {}, []
     for row in partitions:
         seconds = float("inf") if row["age_ns"] is None else row["age_ns"] / NS

@@ -7,7 +7,7 @@ does on a database of its own.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -22,10 +22,11 @@ from service.errors import StoreError
 from service.fleet.fence import ABANDONED, Fence, Fenced, lock
 from service.fleet.layout import Layout, expect_revision, schema_of, separate_numbers
 from service.fleet.naming import named
-from service.fleet.notices import ASSET, announce
+from service.fleet.notices import announce, say
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.commit_marks import Mark
 from service.results.database import Database
+from service.results.job_queue import ASSET
 from service.results.migrate import VERSION_TABLE
 from service.results.storage_faults import storage_error
 
@@ -115,6 +116,9 @@ class PartitionTables(Postgresql):
     def named(self, db: Connection, asset: str, name: str) -> None:
         named(db, asset, name, self.fence.partition, Layout(self.partitions))
 
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
+        say(db, assets)
+
     def _writer(self) -> Engine:
         """One connection, whose commits outlive a crash of the server from the first one on."""
         engine = self._own(pool_size=1, max_overflow=0, pool_timeout=LOCK_WAIT)
@@ -162,6 +166,9 @@ class SharedTables(Postgresql):
         """An asset that a front end has made is the worker's from now on."""
         named(db, asset, name, self.partition, Layout(self.partitions))
         announce(db, self.partition, ASSET, asset)
+
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
+        say(db, assets)
 
 
 class Partitions:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -164,16 +164,24 @@ class FleetDatabase:
                 found = self._opened[number] = SchemaDatabase(backend, schema_of(number), self._present)
             return found
 
-    def rows_of_all(self, table: Table, query: Callable[[Table], Select], first: int | None = None) -> list[Any]:
-        """The rows that a query of one table answers for every partition, in one query.
+    def rows_of_all(
+        self,
+        table: Table,
+        query: Callable[[Table], Select],
+        order: Sequence[str] = ("id",),
+        first: int | None = None,
+    ) -> list[Any]:
+        """The rows that a query of one table answers for every partition that can be used, in one query.
 
-        first  so many with the lowest `id`; None for all
+        order  columns of the answer by which it is sorted where `first` is given, or none is `id`; one with `-` falls
+        first  so many of these; None for all
         """
-        found = sa.union_all(*(query(tables_of(number)[table.name]) for number in range(self.count)))
-        if first is None:
-            return self.shared.rows(found)
-        chosen = found.subquery("chosen")
-        return self.shared.rows(sa.select(chosen).order_by(chosen.c.id).limit(first))
+        chosen = sa.union_all(*(query(tables_of(number)[table.name]) for number in range(self.count))).subquery(
+            "chosen"
+        )
+        columns = (n for n in order if n.lstrip("-") in chosen.c)
+        ordered = (chosen.c[n.lstrip("-")].desc() if n.startswith("-") else chosen.c[n] for n in columns)
+        return self.shared.rows(sa.select(chosen).order_by(*ordered).limit(first))
 
     def close(self) -> None:
         """Closes all connections."""

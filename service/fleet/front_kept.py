@@ -17,16 +17,17 @@ from service.alarms.engine import Change
 from service.alarms.memory import Memory
 from service.contract.alarms import by_urgency
 from service.fleet.front_store import FleetStore
-from service.fleet.layout import ASSETS, schema_of
-from service.fleet.notices import ALARM, JOB, announce
+from service.fleet.layout import schema_of
+from service.fleet.notices import JOB, announce
 from service.fleet.places import Divided
 from service.results.alarm_store import AlarmStore, readable
 from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SIGNALS
+from service.results.job_queue import ALARM
 from service.results.jobs import Job, Jobs
 from service.results.names import Names
-from service.results.schema import ALARMS, WEBHOOK_OUTBOX
+from service.results.schema import ALARMS, ASSETS, WEBHOOK_OUTBOX
 from service.results.signal_reading import KeptFile, KeptSignals, folder_in, found_in
 
 AUDIT_LOCK = 7_219_434  # of whoever adds an entry; other numbers are in `layout`, `claims` and `migrate`
@@ -90,8 +91,9 @@ class FleetAlarms(AlarmStore):
     def _named(self, rows: Iterable[Any]) -> list[tuple[Any, ...]]:
         """Rows that begin with an asset, with its name in place of that."""
         rows = list(rows)
-        wanted = select(ASSETS.c.asset, ASSETS.c.label).where(ASSETS.c.asset.in_({row[0] for row in rows}))
-        names = {asset: label for asset, label in self._database.rows(wanted)}
+        own = {row[0] for row in rows}
+        labels = self._fleet.rows_of_all(ASSETS, lambda t: select(t.c.asset, t.c.label).where(t.c.asset.in_(own)))
+        names = {asset: label for asset, label in labels}
         return [(names[asset], *rest) for asset, *rest in rows]
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:

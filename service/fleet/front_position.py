@@ -13,7 +13,7 @@ from service.contract.position import ChannelPositionModel, PositionModel, why_r
 from service.fleet.front_kept import FleetNames
 from service.fleet.front_store import FleetStore
 from service.fleet.heartbeat import SILENT
-from service.fleet.layout import ASSETS, PARTITIONS, SERVER_NOW
+from service.fleet.layout import PARTITIONS, SERVER_NOW
 from service.results.jobs import WINDOW
 from service.results.schema import JOBS
 from service.runtime.positions import LONGEST_FRAME_NS
@@ -22,7 +22,6 @@ from service.stream.frames import NS
 _PARTITION = sa.select(
     PARTITIONS.c.token, PARTITIONS.c.figures, (SERVER_NOW - PARTITIONS.c.seen_ns).label("age_ns")
 ).where(PARTITIONS.c.number == sa.bindparam("number"))
-_KNOWN = sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of"))
 _WAITING = sa.select(sa.func.count()).where(JOBS.c.asset == sa.bindparam("of"), JOBS.c.kind == WINDOW)
 
 
@@ -42,7 +41,7 @@ class FleetPositions:
         (worker,) = store.database.rows(_PARTITION, {"number": partition})
         ((waiting,),) = store.fleet.partition(partition).rows(_WAITING, {"of": asset})
         reason = self._refusal(partition, worker)
-        if not store.database.rows(_KNOWN, {"of": asset}):
+        if FleetNames(store).is_free(stream):
             reason = why_unknown(stream)
         elif stored.retired is not None:
             reason = why_retired(stream)

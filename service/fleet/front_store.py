@@ -6,15 +6,11 @@ from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Any
 
-import sqlalchemy as sa
-
 from service.fleet.front_database import FleetDatabase
-from service.fleet.layout import ASSETS, Layout
+from service.fleet.layout import Layout
 from service.fleet.places import Divided, Places
 from service.results.sql_store import SqlStore
 from service.results.store import Event, StoredAsset, StoredWindow
-
-_ASSETS = sa.select(ASSETS.c.asset).order_by(ASSETS.c.asset)
 
 
 class FleetStore:
@@ -50,8 +46,7 @@ class FleetStore:
     # -- reading -------------------------------------------------------------------------------------
 
     def assets(self) -> tuple[str, ...]:
-        """The assets that have a row among all; a worker writes it with what it first shows of an asset."""
-        return tuple(asset for (asset,) in self.database.rows(_ASSETS))
+        return tuple(sorted(chain(*(s.assets() for s in self.stores.all()))))
 
     def asset(self, asset: str) -> StoredAsset:
         return self.stores.of(asset).asset(asset)

@@ -127,7 +127,7 @@ class FrontWatch(threading.Thread):
             assets = {said.payload for said in connection.notifies(timeout=WAIT, stop_after=1)}
             if assets:
                 assets |= {said.payload for said in connection.notifies(timeout=GATHER)}
-                self._board.changed(assets)
+                self._board.changed(*assets)
                 self._changed()
 
 

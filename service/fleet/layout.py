@@ -25,7 +25,7 @@ from hashlib import blake2b
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy import BigInteger, Boolean, Column, Connection, Index, Integer, LargeBinary, MetaData, Table, Text
+from sqlalchemy import BigInteger, Boolean, Column, Connection, Integer, LargeBinary, MetaData, Table, Text
 from sqlalchemy.dialects import postgresql
 
 from service.errors import NewerTables, StoreError
@@ -55,24 +55,6 @@ PARTITIONS = Table(
     Column("taken_ns", BigInteger),  # since when
     Column("seen_ns", BigInteger),  # when it last said that it is at work
     Column("figures", postgresql.JSONB),  # what it said
-)
-ASSETS = Table(
-    "assets",
-    METADATA,
-    Column("asset", Text, primary_key=True),
-    Column("label", Text(collation="C"), nullable=False, unique=True),  # ordered as everywhere: by its code points
-    Column("partition", Integer, nullable=False),
-    Column("area", Text, nullable=False, server_default=""),  # the part of the plant: the name up to its last separator
-    Column("severity", Integer, nullable=False, server_default="0"),  # of the status, the worst highest
-    Column("level", Text, nullable=False, server_default=""),
-    Column("version", BigInteger, nullable=False, server_default="0"),  # grows with each change
-    Column("changed_ns", BigInteger, nullable=False, server_default="0"),
-    Column("summary", postgresql.JSONB, nullable=False),  # the row of the list of assets
-    Column("words", Text, nullable=False, server_default=""),  # what a search of the list looks at
-    Column("volatile", LargeBinary),  # what is shown and is not in the partition's tables (JSON)
-    Index("assets_by_severity", sa.text("severity DESC"), "label"),
-    Index("assets_by_area", "area", sa.text("severity DESC"), "label"),
-    Index("assets_by_partition", "partition"),
 )
 NAMES = Table(  # every name that was ever given
     "names",

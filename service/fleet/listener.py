@@ -12,7 +12,8 @@ from service.alarms.keeper import AlarmKeeper
 from service.errors import StoreError
 from service.fleet.databases import url_of
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import ALARM, ASSET, DISMISSED, NAMED, channel_of
+from service.fleet.notices import DISMISSED, NAMED, channel_of
+from service.results.job_queue import ALARM, ASSET
 from service.runtime.worker import Kept
 
 log = logging.getLogger(__name__)
@@ -101,10 +102,7 @@ class Listener(threading.Thread):
         kept = self._kept
         try:
             if what == ALARM:
-                last = kept.store.last_event_id(asset)
-                kept.board.update(asset, alarms=self._alarms.open(asset), last_event_id=last)
-                self._alarms.changed(asset)
-                self._alarms.waiting.set()
+                kept.told(what, asset)
             elif what == ASSET:
                 self._show_new(asset)
             elif what == DISMISSED:
@@ -126,8 +124,7 @@ class Listener(threading.Thread):
         """An asset that a front end has created is one of the partition's from now on."""
         kept = self._kept
         if kept.board.get(asset) is None and asset in kept.store.assets():
-            stored, last = kept.store.asset(asset), kept.store.last_event_id(asset)
             adopted = kept.unknown.find(asset)
-            kept.board.update(asset, rig=stored.rig, last_event_id=last)
-            if stored.rig is None and adopted is not None and adopted.rig is not None:
+            kept.told(ASSET, asset)
+            if kept.store.asset(asset).rig is None and adopted is not None and adopted.rig is not None:
                 self._propose(asset, adopted.rig)

@@ -13,19 +13,14 @@ from sqlalchemy import Connection, bindparam
 from sqlalchemy.dialects import postgresql
 
 from service.errors import InputError
-from service.fleet.layout import ASSETS, NAMES, Layout
-from service.fleet.notices import NAMED, announce
-from service.fleet.rows import row_of, say
-from service.results.asset_list import area_of, words_of
-from service.results.board import Snapshot
+from service.fleet.layout import NAMES, Layout
+from service.fleet.notices import NAMED, announce, say
 from service.results.store import Tables
 
 PLACE = sa.select(NAMES.c.partition).where(NAMES.c.name == bindparam("of"))
 """The partition of the name `of`; nothing where it was never given."""
 
-_BEGIN = postgresql.insert(ASSETS).on_conflict_do_nothing()
 _GIVE = postgresql.insert(NAMES).on_conflict_do_nothing()
-_SUMMARY = sa.select(ASSETS.c.summary).where(ASSETS.c.asset == bindparam("of"))
 _ELSEWHERE = sa.select(NAMES.c.name, NAMES.c.partition).where(NAMES.c.elsewhere)
 
 
@@ -42,12 +37,6 @@ def named(db: Connection, asset: str, name: str, partition: int, layout: Layout)
     if new and elsewhere:
         for each in (partition, layout.partition_of(name)):
             announce(db, each, NAMED, name)
-    if name == asset:
-        db.execute(_BEGIN, row_of(Snapshot(asset=asset).with_whole(), partition))
-    else:
-        summary = {**db.execute(_SUMMARY, {"of": asset}).scalar_one(), "asset": name}
-        shown = {"label": name, "area": area_of(name), "summary": summary, "words": words_of(summary)}
-        db.execute(sa.update(ASSETS).where(ASSETS.c.asset == asset).values(version=ASSETS.c.version + 1, **shown))
     say(db, [asset])
 
 

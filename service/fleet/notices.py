@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import sqlalchemy as sa
 from sqlalchemy import Connection
 
-JOB, ALARM, ASSET, DISMISSED = "job", "alarm", "asset", "dismissed"
+JOB, DISMISSED = "job", "dismissed"
 NAMED = "named"  # an asset has a name that hashes to another partition than its own
 CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
 
@@ -13,6 +15,12 @@ CHANGED = "gear_twin_assets"  # the channel on which front ends listen for asset
 def channel_of(partition: int) -> str:
     """The channel on which a partition's worker listens."""
     return f"gear_twin_{partition:03d}"
+
+
+def say(db: Connection, assets: Sequence[str]) -> None:
+    """Says to the front ends, with the present transaction, that assets are shown otherwise now."""
+    said = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
+    db.execute(said, {"channel": CHANGED, "assets": list(assets)})
 
 
 def announce(db: Connection, partition: int, what: str, asset: str) -> None:

@@ -22,7 +22,6 @@ from service.fleet.layout import Layout, schema_of
 from service.fleet.listener import Listener
 from service.fleet.naming import PartitionStreams
 from service.fleet.reported import ReportWriter
-from service.fleet.rows import RowWriter
 from service.fleet.searches import Searches, Submit
 from service.operation.health import FLEET, Health
 from service.operation.telemetry import all_of, sending_traces
@@ -130,7 +129,6 @@ def serve_partition(
             worker,
             webhooks,
             retention,
-            RowWriter(store.database, board, partition),
             ReportWriter(store.database, partition, kept.unknown, begun.rigs.proposals),
             listener,
             Heartbeat(database, fence, figures, worker.not_ready, health.late),
@@ -145,7 +143,6 @@ def serve_partition(
         finally:
             for ended in (*parts, writer):
                 ended.end()
-            board.close()
         if worker.failure is not None:
             raise worker.failure
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,51 +89,7 @@ def words_of(summary: Mapping[str, Any]) -> str:
     return "\n".join(str(text) for text in texts if text).lower()
 
 
-def page_of(summaries: Iterable[Mapping[str, Any]], choice: Choice) -> Page:
-    """The page of a choice, of all assets."""
-    chosen = sorted(((_key(summary), summary) for summary in summaries if _matches(summary, choice)), key=_first)
-    if choice.after is not None:
-        begin = (-choice.after.severity, choice.after.asset)
-        chosen = [one for one in chosen if one[0] > begin]
-    shown = [summary for _, summary in chosen[: choice.limit]]
-    if len(chosen) <= choice.limit:
-        return Page(summaries=shown, next=None)
-    severity, asset = chosen[choice.limit - 1][0]
-    return Page(summaries=shown, next=Place(severity=-severity, asset=asset))
-
-
-def areas_of(summaries: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The areas by name: how many assets in use each has, by level, with their active alarms; and how many retired."""
-    areas: dict[str, dict[str, Any]] = {}
-    for summary in summaries:
-        area = areas.setdefault(area_of(summary["asset"]), {"levels": {}, "alarms": 0, "retired": 0})
-        if summary["retired"]:
-            area["retired"] += 1
-            continue
-        level = summary["status"]["level"]
-        area["levels"][level] = area["levels"].get(level, 0) + 1
-        area["alarms"] += summary["alarms"]["active"]
-    return [area_entry(name, **areas[name]) for name in sorted(areas)]
-
-
 def area_entry(area: str, *, levels: Mapping[str, int], alarms: int, retired: int) -> dict[str, Any]:
     """One area as it is answered: levels from the worst."""
     ordered = {level: levels[level] for level in reversed(SEVERITY) if levels.get(level)}
     return {"area": area, "assets": sum(ordered.values()), "levels": ordered, "alarms": alarms, "retired": retired}
-
-
-def _first(pair: tuple[tuple[int, str], Mapping[str, Any]]) -> tuple[int, str]:
-    return pair[0]
-
-
-def _key(summary: Mapping[str, Any]) -> tuple[int, str]:
-    return -severity_of(summary["status"]["level"]), summary["asset"]
-
-
-def _matches(summary: Mapping[str, Any], choice: Choice) -> bool:
-    return (
-        (choice.retired or not summary["retired"])
-        and (not choice.levels or summary["status"]["level"] in choice.levels)
-        and (choice.area is None or area_of(summary["asset"]) == choice.area)
-        and (not choice.words or all(word in words_of(summary) for word in choice.words))
-    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import threading
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -95,6 +95,10 @@ class Backend(Protocol):
 
     def named(self, db: Connection, asset: str, name: str) -> None:
         """Within the transaction that gives an asset a name; InputError where it may not have it."""
+        ...
+
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
+        """Within the transaction that has written how assets are shown."""
         ...
 
     def mark(self, db: Connection) -> Mark | None:
@@ -218,6 +222,9 @@ class SqliteFile:
     def named(self, db: Connection, asset: str, name: str) -> None:
         pass  # the assets of one service have their names for themselves
 
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
+        pass  # who reads is woken in this process
+
     def mark(self, db: Connection) -> Mark | None:
         return None
 
@@ -319,6 +326,9 @@ class Postgresql:
         pass  # the connection itself holds the claim
 
     def named(self, db: Connection, asset: str, name: str) -> None:
+        pass
+
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
         pass
 
     def mark(self, db: Connection) -> Mark:

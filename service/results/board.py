@@ -1,17 +1,16 @@
-"""What the service shows: one immutable snapshot an asset, read by REST, events, Zenoh and the page.
+"""What is shown of the assets by whoever takes in their windows: one immutable snapshot an asset.
 
-Whoever takes in a window publishes its snapshot here, after the store has committed it; readers take the
-snapshot that is there and compute nothing.
+It is published here after the store has committed it, to Zenoh and the bridges; `asset_rows.py` writes it into the
+database, from which REST answers (`asset_table.py`).
 """
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from service.contract.alarms import added_of, counted
 from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
@@ -20,8 +19,6 @@ from service.contract.overview import overview
 from service.contract.question import asked
 from service.contract.status import Backlog, none_yet, not_stored
 from service.results.asset_changes import AssetChanges
-from service.results.asset_list import Choice, Page, areas_of, page_of
-from service.results.change_signal import ChangeSignal
 from service.results.sparkline import REFUSED, Sparkline
 from service.results.store import FaultTotals, ResultStore, StoredAsset, StoredWindow, faults_of
 
@@ -198,67 +195,14 @@ class Snapshot:
         return {**self.quality, "totals": totals}
 
 
-class Shown(Protocol):
-    """What is shown of all assets, as REST reads it: of this process, or of a database that others write to.
-
-    closed     whether the service goes down
-    in_memory  whether reading waits for nothing
-    """
-
-    closed: bool
-
-    @property
-    def in_memory(self) -> bool: ...
-
-    def assets(self) -> tuple[str, ...]: ...
-
-    def get(self, asset: str) -> Snapshot | None: ...
-
-    def find(self, name: str) -> Snapshot | None:
-        """The asset that is called so now."""
-        ...
-
-    def names(self) -> tuple[str, ...]:
-        """What the assets are called now, sorted."""
-        ...
-
-    def summaries(self) -> list[Mapping[str, Any]]:
-        """The list of assets, by name."""
-        ...
-
-    def page(self, choice: Choice) -> Page:
-        """A page of the list, the most severe first."""
-        ...
-
-    def areas(self) -> list[dict[str, Any]]:
-        """The areas with their numbers of assets."""
-        ...
-
-    def stale(self) -> list[tuple[str, str, str]]:
-        """Assets whose figures are out of date: name, why, since when (ISO 8601)."""
-        ...
-
-    def update(self, asset: str, **changes: Any) -> Snapshot:
-        """Shows what has just been committed of an asset; the snapshot afterwards."""
-        ...
-
-    def changes(self, asset: str | None = None) -> AbstractContextManager[asyncio.Event]: ...
-
-    def close(self) -> None: ...
-
-
 class Board:
-    """The snapshots of all assets, and who waits for them to change."""
-
-    in_memory = True
+    """The snapshots of all assets, and who follows them."""
 
     def __init__(self) -> None:
         self._snapshots: dict[str, Snapshot] = {}
         self._assets: dict[str, str] = {}  # by what they are called now
         self._lock = threading.Lock()
-        self._signal = ChangeSignal()
         self._followers: list[AssetChanges] = []
-        self.closed = False
 
     @classmethod
     def from_store(cls, store: ResultStore, known: Iterable[StoredAsset] | None = None) -> Board:
@@ -288,25 +232,6 @@ class Board:
         """What the assets are called now, sorted."""
         return tuple(sorted(self._assets))
 
-    def summaries(self) -> list[Mapping[str, Any]]:
-        """The list of assets, by name."""
-        return [snapshot.summary() for snapshot in self._by_name()]
-
-    def page(self, choice: Choice) -> Page:
-        """A page of the list, the most severe first."""
-        return page_of(self.summaries(), choice)
-
-    def areas(self) -> list[dict[str, Any]]:
-        """The areas with their numbers of assets."""
-        return areas_of(self.summaries())
-
-    def stale(self) -> list[tuple[str, str, str]]:
-        """Assets whose figures are out of date: name, why, since when (ISO 8601)."""
-        return [(shown.name, *text) for shown in self._by_name() if (text := shown.stale_text)]
-
-    def _by_name(self) -> list[Snapshot]:
-        return sorted(self._snapshots.copy().values(), key=lambda snapshot: snapshot.name)
-
     # -- publishing ----------------------------------------------------------------------------------
 
     def add_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
@@ -317,22 +242,18 @@ class Board:
         """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
         return self._change(asset, lambda s: replace(s, **_no_older(s, changes)))
 
-    def close(self) -> None:
-        """Ends every wait: the service goes down."""
-        self.closed = True
-        self._signal.wake()
-
-    def changes(self, asset: str | None = None) -> AbstractContextManager[asyncio.Event]:
-        """An event of the running loop that is set at each change, or at those of one asset; the reader clears it."""
-        return self._signal.listening(asset)
-
-    @contextmanager
-    def follow(self) -> Iterator[AssetChanges]:
-        """The assets that change while inside, for one thread; all assets of the board come first."""
+    def followed(self) -> AssetChanges:
+        """The assets that change from now on, for one thread; all assets of the board come first."""
         follower = AssetChanges()
         with self._lock:
             follower.note(*self.assets())
             self._followers.append(follower)
+        return follower
+
+    @contextmanager
+    def follow(self) -> Iterator[AssetChanges]:
+        """As `followed`, while inside."""
+        follower = self.followed()
         try:
             yield follower
         finally:
@@ -349,7 +270,6 @@ class Board:
         with self._lock:
             snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset, label=asset)))
             self._note(asset)
-        self._signal.wake(asset)
         return snapshot
 
     def _put(self, snapshot: Snapshot) -> Snapshot:

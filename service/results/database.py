@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -102,6 +102,10 @@ class Database:
     def named(self, db: Connection, asset: str, name: str) -> None:
         """Within the transaction that gives an asset a name; InputError where others have or had it."""
         self.backend.named(db, asset, name)
+
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
+        """Within the transaction that has written how assets are shown."""
+        self.backend.shown(db, assets)
 
     @contextmanager
     def transaction(self) -> Iterator[Connection]:

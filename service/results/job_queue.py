@@ -13,6 +13,9 @@ from typing import Any
 from service.results.change_signal import DoneSignal
 from service.results.jobs import Job, Jobs
 
+ALARM, ASSET = "alarm", "asset"
+"""What people write that is no job and is to be taken up: an alarm was signed, an asset was created."""
+
 
 class JobQueue:
     """Where people's jobs are submitted, and waited for.

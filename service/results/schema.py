@@ -12,6 +12,7 @@ REVISION = "0010"
 
 METADATA = MetaData()
 
+NAME = Text().with_variant(Text(collation="C"), "postgresql")  # ordered by its code points, in both
 NUMBER = BigInteger().with_variant(Integer, "sqlite")  # of 64 bits in both
 
 
@@ -42,11 +43,19 @@ ASSETS = Table(
     "assets",
     METADATA,
     Column("asset", Text, primary_key=True),  # the name under which it began
-    Column("label", Text, nullable=False, unique=True),  # the name that it has now
+    Column("label", NAME, nullable=False, unique=True),  # the name that it has now
     *(_json(n, nullable=True) for n in ("rig", "state", "report", "assembly", "quality", "question", "retired")),
     *(_number(n, "0") for n in ("windows", "updates", "epoch")),
     _number("received_ns", nullable=True),
     _number("seal", nullable=True),
+    *(
+        Column(n, Text, nullable=False, server_default="") for n in ("area", "level", "data", "words")
+    ),  # see `asset_rows`
+    *(_number(n, "0") for n in ("severity", "alarms", "version")),
+    Column("summary", Text),
+    _json("volatile", nullable=True),
+    Index("assets_by_severity", text("severity DESC"), "label"),
+    Index("assets_by_area", "area", text("severity DESC"), "label"),
 )
 WINDOWS = Table(
     "windows",

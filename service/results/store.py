@@ -5,7 +5,7 @@ A store is added by one file in this folder that implements `ResultStore`, and i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -87,6 +87,8 @@ class Tables(Protocol):
     def ensure(self, db: Any, asset: str) -> None: ...
 
     def named(self, db: Any, asset: str, name: str) -> None: ...
+
+    def shown(self, db: Any, assets: Sequence[str]) -> None: ...
 
 
 class ResultStore(Protocol):

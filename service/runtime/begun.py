@@ -21,7 +21,8 @@ from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
-from service.results.store import ResultStore, StoredAsset
+from service.results.sql_store import SqlStore
+from service.results.store import StoredAsset
 from service.results.unknown_assets import Elsewhere, UnknownAssets, everything_here
 from service.results.window_jobs import WindowJobs
 from service.runtime.rigs import GivenRigs, Rigs
@@ -30,14 +31,14 @@ from service.settings import Settings
 
 log = logging.getLogger(__name__)
 
-OpenStore = Callable[[], AbstractContextManager[ResultStore]]
+OpenStore = Callable[[], AbstractContextManager[SqlStore]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Begun(AbstractContextManager["Begun"]):
     """The open store, what was read of it, and where results are kept and shown; closed when it is left."""
 
-    store: ResultStore
+    store: SqlStore
     board: Board
     signals: SignalStore
     kept: Kept
@@ -93,7 +94,7 @@ class Begun(AbstractContextManager["Begun"]):
 
 
 @contextmanager
-def _restored(store: ResultStore) -> Iterator[tuple[dict[str, StoredAsset], Board]]:
+def _restored(store: SqlStore) -> Iterator[tuple[dict[str, StoredAsset], Board]]:
     """All assets of the store, and what is shown of them as long as the service runs."""
     with long_lived():
         known = {stored.asset: stored for stored in store.all_assets()}

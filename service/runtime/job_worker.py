@@ -54,6 +54,7 @@ class JobWorker:
     def __init__(self, queue: JobQueue, lanes: Lanes, kinds: Mapping[str, JobKind]) -> None:
         self._queue, self._lanes, self._kinds = queue, lanes, kinds
         self._begun: set[int] = set()
+        self._ended = False  # whether a job has ended of which nobody has been told
 
     def __call__(self) -> None:
         """Hands over what waits, where something new does."""
@@ -84,7 +85,13 @@ class JobWorker:
 
     def _end(self, job: Job) -> None:
         self._begun.discard(job.id)
-        self._queue.done()
+        self._ended = True
+
+    def tell(self) -> None:
+        """Wakes who waits for jobs that have ended: what they have led to is shown by now."""
+        if self._ended:
+            self._ended = False
+            self._queue.done()
 
 
 def _asked(kind: JobKind, job: Job, lane: Lane) -> Ask | None:

@@ -19,6 +19,7 @@ from service.operation.health import SIGNALS as RAW_SIGNALS
 from service.operation.systemd import READY, STOPPING, Watchdog, notify
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
+from service.results.asset_table import AssetTable
 from service.results.audit_log import AuditLog
 from service.results.data_folder import database_of, only_service_of
 from service.results.sql_store import SqlStore
@@ -72,6 +73,8 @@ def run(
         writer, health = SignalWriter(begun.signals), Health(settings.loop_limit)
         raw = stack.enter_context(recording_raw(settings, board, health))
         worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), writer, health, raw)
+        table = AssetTable(store, alarms, worker.unstored)
+        worker.shown = table.changed
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         bridges = bridges_of(settings, board, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)
@@ -79,7 +82,7 @@ def run(
         parts = (worker, webhooks, bridges, retention)
         figures = figures_of(*(part.figures for part in (*parts, front, timing)), partial(database_figures, store))
         app = create_app(
-            board,
+            table,
             store,
             kept.queue,
             not_ready=worker.not_ready,
@@ -93,6 +96,8 @@ def run(
             incoming=_incoming_of(worker, kept, rigs),
             labelled_assets=settings.metrics_assets,
             health=health,
+            told=kept.told,
+            live=board,
         )
 
         def started() -> None:
@@ -102,7 +107,7 @@ def run(
         def ending() -> None:
             notify(STOPPING)
             worker.stop()
-            board.close()
+            table.close()
 
         server = HttpServer(app, started=started, ending=ending, stop=stop, front=front, tick=turns_of(health))
         worker.on_end = server.end

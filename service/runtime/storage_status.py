@@ -14,15 +14,14 @@ class StorageStatus:
 
     def __init__(self, storage: StorageWatch, board: Board, publication: StatePublication) -> None:
         self._storage, self._board, self._publication = storage, board, publication
-        self._shown = False
+        self.unstored: tuple[str, str] | None = None  # why, and since when (ISO 8601)
 
     def __call__(self) -> None:
         """Publishes all assets where the storage has failed or is back."""
         reason = self._storage.reason
-        if (reason is not None) is self._shown:
+        if (reason is None) is (self.unstored is None):
             return
-        self._shown = reason is not None
-        unstored = None if reason is None else (reason, iso_time(later_time_ns()))
+        self.unstored = None if reason is None else (reason, iso_time(later_time_ns()))
         for asset in self._board.assets():
-            self._board.update(asset, unstored=unstored)
+            self._board.update(asset, unstored=self.unstored)
             self._publication.publish(asset)

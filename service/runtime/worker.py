@@ -15,9 +15,10 @@ from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable, SteppedBack, StorageUnavailable
 from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
+from service.results.asset_rows import AssetRows
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
-from service.results.job_queue import JobQueue
+from service.results.job_queue import ALARM, JobQueue
 from service.results.names import Names
 from service.results.store import ResultStore, StoredAsset
 from service.results.unknown_assets import UnknownAssets
@@ -83,6 +84,18 @@ class Kept:
         """Releases everyone who waits for a job."""
         self.queue.close()
 
+    def told(self, what: str, asset: str) -> None:
+        """Takes up what people have written of an asset without a job: that it is there, or what became of an alarm."""
+        last = self.store.last_event_id(asset)
+        if what == ALARM:
+            assert self.alarms is not None
+            self.board.update(asset, alarms=self.alarms.open(asset), last_event_id=last)
+            self.alarms.changed(asset)
+            self.alarms.waiting.set()
+        elif self.board.get(asset) is None:
+            stored = self.store.asset(asset)
+            self.board.update(asset, label=stored.label, rig=stored.rig, last_event_id=last)
+
 
 class Ended(Exception):
     """The service ends before there is a connection."""
@@ -92,6 +105,7 @@ class Worker(threading.Thread):
     """From the connection to the results, until stopped.
 
     on_end   called when the thread ends, for whatever reason
+    shown    called with the assets of which something else is shown
     arrived  called with each window that has been shown, and its stages in the service
     timed    called with what was asked of a twin and how long its parts took [s]
     failure  the exception that ended it; None where it was stopped
@@ -133,6 +147,8 @@ class Worker(threading.Thread):
         self._link_at = 0.0  # when the link is looked at next, on the monotonic clock [s]
         self._cut_off = False  # whether the link was lost at the latest look, or just before
         self._storage, self._look_at = StorageWatch(str(settings.data)), 0.0
+        self._storage_status: StorageStatus | None = None
+        self.shown: Callable[..., object] = lambda *assets: None
         self.on_end: Callable[[], None] = lambda: None
         self.arrived: Arrived = nobody
         self.timed: Callable[[str, Mapping[str, float]], object] = lambda verb, parts: None
@@ -172,6 +188,10 @@ class Worker(threading.Thread):
     def offer(self, topic: str, payload: bytes) -> bool:
         """Puts a frame that did not come over the network into the inbox; False where it had to be left out."""
         return self._inbox.offer(topic, payload)
+
+    def unstored(self) -> tuple[str, str] | None:
+        """Why nothing can be stored at present, and since when (ISO 8601)."""
+        return None if self._storage_status is None else self._storage_status.unstored
 
     def look(self) -> None:
         """Looks now at what people have decided: somebody else has kept it."""
@@ -332,7 +352,8 @@ class Worker(threading.Thread):
         questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame
-        storage_status = StorageStatus(storage, board, publication)
+        rows = AssetRows(store.database, board, self.shown)
+        storage_status = self._storage_status = StorageStatus(storage, board, publication)
         backlog = BacklogWatch(lanes, computing, board, publication)
 
         def between() -> None:
@@ -341,8 +362,9 @@ class Worker(threading.Thread):
             positions()
             first_frames()
             backlog()
-            for part in (questions, requests, watch):
+            for part in (questions, requests, watch, rows):
                 storage.attempt(part)
+            requests.tell()
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
 

@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from service.results.board import Shown
+from service.results.asset_table import AssetTable
 from service.results.signal_reading import KeptSignals
 from service.results.signal_thinning import KeptWindow
 from service.results.store import ResultStore
@@ -51,7 +51,7 @@ class Recent(Generic[T]):
 class Library:
     """Views of all assets' windows."""
 
-    def __init__(self, signals: KeptSignals, store: ResultStore, board: Shown) -> None:
+    def __init__(self, signals: KeptSignals, store: ResultStore, board: AssetTable) -> None:
         self._signals, self._store, self._board = signals, store, board
         self._lock = threading.RLock()
         self._windows: Recent[Subject] = Recent(SUBJECTS)

@@ -34,7 +34,6 @@ from service.access.roles import Role
 from service.api import create_app
 from service.api.limits import Limits
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 
@@ -91,7 +90,7 @@ class Interface:
             store.close()
 
     def _app(self, store: SqlStore, folder: Path, access: Access) -> Any:
-        board = Board()
+        board = fakes.WrittenBoard(store)
         fakes.campaign(store, board, asset="unsw", windows=6)
         fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
         signals = SignalStore(folder / "signals", 2**30)

@@ -33,8 +33,8 @@ from service.fleet.census import Census, census
 from service.fleet.databases import Partitions, engine_of
 from service.fleet.layout import Layout, partition_of
 from service.json_text import plain
-from service.results.asset_life import AssetLife
 from service.results.sql_store import SqlStore
+from service.results.window_jobs import WindowJobs
 from service.runtime.pipeline import Pipeline
 from service.stream.frames import NS
 from service.stream.sources.mcap import Recording
@@ -288,7 +288,7 @@ def _differing(plant: Plant, loop: _Loop, names: list[str]) -> dict[str, dict[st
     shared, found = Partitions(plant.url, plant.partitions), {}
     for partition in plant.layout.all:
         with SqlStore(shared.backend(partition)) as store:
-            waiting = AssetLife(store.database).all_waiting()
+            waiting = WindowJobs(store.database).all_waiting()
             for name in names:
                 if partition_of(name, plant.partitions) != partition:
                     continue

@@ -23,7 +23,6 @@ from service_streams import Service
 from service.api import create_app
 from service.api.limits import Limits
 from service.results import database, migrate
-from service.results.board import Board
 from service.results.sql_store import SqlStore
 from service.runtime import delivery
 from tests.rules import FLEET
@@ -189,12 +188,12 @@ def each_store(where):
 def board(request, store, monkeypatch):
     """A board of one service; that of a front end in modules that say OVER_FLEET."""
     if getattr(request.module, "OVER_FLEET", False):
-        from fleets import WrittenBoard, as_a_front_end
+        from fleets import as_a_front_end, written_board
 
-        shown = WrittenBoard(store)
+        shown = written_board(store)
         as_a_front_end(monkeypatch, store)
     else:
-        shown = Board()
+        shown = fakes.WrittenBoard(store)
     yield shown
     shown.close()
 
@@ -304,7 +303,7 @@ def _own(url, address):
 @pytest.fixture(scope="module")
 def app(tmp_path_factory):
     """The interface to a campaign, called by its name on the plant's network too."""
-    board = Board()
     with SqlStore(tmp_path_factory.mktemp("attacks") / "twin.sqlite") as store:
+        board = fakes.WrittenBoard(store)
         fakes.campaign(store, board)
         yield create_app(board, store, limits=Limits(hosts=("twin.plant.example",)))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import sqlalchemy as sa
 from fleet_partition import PartitionProcess
+from service_fakes import WrittenBoard
 from service_streams import free_port
 
 from service import api
@@ -16,11 +17,10 @@ from service.fleet.databases import Partitions, engine_of, partition_backend
 from service.fleet.fence import Fence
 from service.fleet.front import serve_front
 from service.fleet.front_board import FleetBoard
+from service.fleet.front_database import tables_of
 from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetJobs, FleetNames
-from service.fleet.layout import ASSETS, partition_of
-from service.fleet.rows import put, row_of
+from service.fleet.layout import partition_of
 from service.json_text import plain
-from service.results.board import Board
 from service.results.sql_store import SqlStore
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
@@ -52,9 +52,15 @@ def worker(folder, database, endpoint, asset="unsw", **settings):
 
 
 def row(database, asset="unsw"):
+    """The row of an asset, in the partition that has it."""
     engine = engine_of(database, poolclass=sa.NullPool)
     with engine.connect() as db:
-        return db.execute(sa.select(ASSETS).where(ASSETS.c.asset == asset)).mappings().first()
+        for number in range(PARTITIONS):
+            table = tables_of(number)["assets"]
+            found = db.execute(sa.select(table).where(table.c.asset == asset)).mappings().first()
+            if found is not None:
+                return {**found, "partition": number}
+    return None
 
 
 def windows(database, partition):
@@ -87,33 +93,14 @@ def front(database, data, **settings):
         assert not thread.is_alive()
 
 
+def written_board(store):
+    """What a front end answers, with what a worker shows written at once."""
+    return WrittenBoard(store, FleetBoard(store, AlarmKeeper(FleetAlarms(store))))
+
+
 def as_a_front_end(monkeypatch, store):
     """An app over the store has what a front end gives it besides."""
     monkeypatch.setattr(api, "AlarmStore", lambda database: FleetAlarms(store))
     monkeypatch.setattr(api, "Jobs", lambda database: FleetJobs(store))
     monkeypatch.setattr(api, "Names", lambda database: FleetNames(store))
     monkeypatch.setattr(api, "AuditLog", FleetAudit)
-
-
-class WrittenBoard:
-    """What a front end shows, with what a worker does to its own board written to the rows at once."""
-
-    def __init__(self, store):
-        self.store, self._own = store, Board()
-        self.shown = FleetBoard(store, AlarmKeeper(FleetAlarms(store)))
-
-    def __getattr__(self, name):
-        return getattr(self.shown, name)
-
-    def add_window(self, asset, window, **changes):
-        return self._written(self._own.add_window(asset, window, **changes))
-
-    def update(self, asset, **changes):
-        self._written(self._own.update(asset, **changes))
-        return self.shown.update(asset, **changes)
-
-    def _written(self, snapshot):
-        with self.store.database.transaction() as db:
-            put(db, [row_of(snapshot, self.store.places.partition_of(snapshot.asset))])
-        self.shown.changed([snapshot.asset])
-        return snapshot

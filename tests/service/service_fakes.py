@@ -13,6 +13,8 @@ import numpy as np
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
+from service.results.asset_rows import put
+from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.data_folder import BASELINES, WAITING
@@ -311,6 +313,38 @@ def fill(store: SqlStore, data: Path) -> None:
     keeper = AlarmKeeper(alarms)
     keeper.data("unsw", {"level": "stale", "reason": "no frame for 2 h"})
     assert keeper.open("unsw")
+
+
+class WrittenBoard:
+    """What a worker shows, written at once, and the table from which that is answered."""
+
+    def __init__(self, store, table: AssetTable | None = None) -> None:
+        self._store, self.own = store, Board()
+        self.table = table or AssetTable(store, AlarmKeeper(AlarmStore(store.database)))
+
+    def __getattr__(self, name):
+        return getattr(self.table, name)
+
+    def add_window(self, asset: str, window, **changes):
+        return self._written(self.own.add_window(asset, window, **changes))
+
+    def update(self, asset: str, **changes):
+        """Shows changes; those of what is kept are kept."""
+        self._written(self.own.update(asset, **changes))
+        kept = {
+            name: changes[name] for name in ("rig", "report", "question", "retired", "received_ns") if name in changes
+        }
+        with self._store.database.transaction():
+            if kept:
+                self._store.keep(asset, **kept)
+            if "label" in changes and names_of(self._store, asset).label(asset) != changes["label"]:
+                names_of(self._store, asset).rename(asset, changes["label"])
+        return self._written(self.own.get(asset))
+
+    def _written(self, snapshot):
+        put(_own(self._store, snapshot.asset).database, [snapshot])
+        self.table.changed(snapshot.asset)
+        return snapshot
 
 
 def jobs_of(store, asset: str = "unsw") -> Jobs:

@@ -24,6 +24,8 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
+from service.results.asset_rows import AssetRows
+from service.results.asset_table import AssetTable
 from service.results.board import Board
 from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
@@ -58,7 +60,10 @@ class Bench:
         self.sink = ServiceSink(
             self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper
         )
-        self.client = Client(create_app(self.board, self.store, alarms=self.keeper))
+        self.rows = AssetRows(self.store.database, self.board)
+        self.rows()
+        table = AssetTable(self.store, self.keeper)
+        self.client = Client(create_app(table, self.store, alarms=self.keeper, told=self.told, live=self.board))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 
     def window(self, found=HEALTHY, quality="good", indicators=None, index=None, set_back_s=0):
@@ -70,7 +75,14 @@ class Bench:
             given = replace(given, report={**given.report, "wear": not_available(found.wear.reason)})
         if self.sink.commit(given):
             self.sink.publish(given)
+            self.rows()
             self.index += 1
+
+    def told(self, what, asset):
+        """The worker takes up what became of an alarm."""
+        last = self.store.last_event_id(asset)
+        self.board.update(asset, alarms=self.keeper.open(asset), last_event_id=last)
+        self.keeper.changed(asset)
 
     def alarms(self, query=""):
         return self.client.get(f"/v1/assets/unsw/alarms{query}").json()

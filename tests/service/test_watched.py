@@ -20,8 +20,8 @@ from test_health import get
 from service.api import create_app
 from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, WORKERS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
-from service.results.asset_life import temporary_name
 from service.results.data_folder import WAITING
+from service.results.window_jobs import temporary_name
 from service.runtime.replay import replay
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
