@@ -17,7 +17,7 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,8 +27,12 @@ import numpy as np
 import uvicorn
 
 from benchmarks.bench_pipeline import Figure
+from service.alarms.keeper import AlarmKeeper
 from service.api import create_app
 from service.contract.base import iso_time
+from service.results.alarm_store import AlarmStore
+from service.results.asset_rows import AssetRows
+from service.results.asset_table import AssetTable
 from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
@@ -112,7 +116,7 @@ def keep_signals(kept: SignalStore, asset: str, windows: int) -> None:
 
 
 @contextmanager
-def serving(board: Board, store: SqlStore, signals: SignalStore) -> Iterator[str]:
+def serving(board: AssetTable, store: SqlStore, signals: SignalStore) -> Iterator[str]:
     """The service's HTTP side; yields its address."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
@@ -151,7 +155,7 @@ def on_the_wire(page: Any) -> float:
     return float(page.evaluate(sizes)) / 1e6
 
 
-def measure(address: str, board: Board, store: SqlStore, windows: int) -> list[Figure]:
+def measure(address: str, board: Board, shown: Callable[[], None], store: SqlStore, windows: int) -> list[Figure]:
     from playwright.sync_api import sync_playwright
 
     figures = []
@@ -182,6 +186,7 @@ def measure(address: str, board: Board, store: SqlStore, windows: int) -> list[F
         for index in range(windows, windows + LIVE):
             window, report = add(store, "gearbox-00", index, windows)
             board.add_window("gearbox-00", window, report=report, last_event_id=store.last_event_id("gearbox-00"))
+            shown()
             page.wait_for_timeout(100)
         page.wait_for_selector(f"main[data-windows='{windows + LIVE}']")
         note("longest task, ten windows a second", longest_task(browser), "ms", 100.0)
@@ -207,9 +212,11 @@ def main() -> None:
         fill(store, chosen.assets, chosen.windows)
         kept = SignalStore(Path(folder) / "signals", 2**30)
         keep_signals(kept, "gearbox-00", chosen.windows)
-        board = Board.from_store(store)
-        with serving(board, store, kept) as address:
-            for figure in measure(address, board, store, chosen.windows):
+        board, table = Board.from_store(store), AssetTable(store, AlarmKeeper(AlarmStore(store.database)))
+        rows = AssetRows(store.database, board, table.changed)
+        rows()
+        with serving(table, store, kept) as address:
+            for figure in measure(address, board, rows, store, chosen.windows):
                 print(figure.line)
 
 

@@ -63,7 +63,7 @@ class Bench:
         self.rows = AssetRows(self.store.database, self.board)
         self.rows()
         table = AssetTable(self.store, self.keeper)
-        self.client = Client(create_app(table, self.store, alarms=self.keeper, told=self.told, live=self.board))
+        self.client = Client(create_app(table, self.store, alarms=self.keeper, told=self.take_up, live=self.board))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 
     def window(self, found=HEALTHY, quality="good", indicators=None, index=None, set_back_s=0):
@@ -78,7 +78,7 @@ class Bench:
             self.rows()
             self.index += 1
 
-    def told(self, what, asset):
+    def take_up(self, what, asset):
         """The worker takes up what became of an alarm."""
         last = self.store.last_event_id(asset)
         self.board.update(asset, alarms=self.keeper.open(asset), last_event_id=last)

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import pytest
 import service_fakes as fakes
-from fleets import PARTITIONS, WrittenBoard
+from fleets import PARTITIONS, written_board
 from test_asset_list import at
 
 from service.fleet.layout import partition_of
-from service.fleet.rows import put, row_of
 from service.results.asset_list import Choice
+from service.results.asset_rows import put
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 
@@ -25,21 +25,20 @@ LONGEST = 0.05  # that a page may take here, on a busy machine [s]
 @pytest.fixture
 def board(fleet_store, tmp_path):
     """What a front end shows of ten thousand assets in a hundred areas."""
-    written, shown = Board(), WrittenBoard(fleet_store)
+    written, shown = Board(), written_board(fleet_store)
     with SqlStore(tmp_path / "twin.sqlite") as one:
         patterns = {}
         for number, level in enumerate(dict.fromkeys(LEVELS)):
             fakes.campaign(one, written, f"a{number}")
             fakes.take(one, written, f"a{number}", 20, 18100.0, report=at(level))
             patterns[level] = written.get(f"a{number}")
-    rows = []
+    snapshots = [[] for _ in range(PARTITIONS)]
     for number in range(ASSETS):
         name = f"plant-{number % 10}.line-{number // 10 % 10}.gb-{number:05d}"
-        snapshot = replace(patterns[LEVELS[(37 * number + number // 100) % 100]], asset=name)
-        rows.append(row_of(snapshot, partition_of(name, PARTITIONS)))
-    with fleet_store.database.transaction() as db:
-        for begin in range(0, ASSETS, 500):
-            put(db, rows[begin : begin + 500])
+        pattern = patterns[LEVELS[(37 * number + number // 100) % 100]]
+        snapshots[partition_of(name, PARTITIONS)].append(replace(pattern, asset=name, label=name))
+    for partition, own in enumerate(snapshots):
+        put(fleet_store.stores.at(partition).database, own)
     return shown
 
 

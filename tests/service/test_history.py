@@ -70,8 +70,8 @@ def test_adding_a_window_reads_as_many_records_after_a_thousand_windows_as_after
 @pytest.fixture(scope="module")
 def history(tmp_path_factory):
     """A store with a long history, and the board that has shown it all."""
-    board = Board()
     with SqlStore(tmp_path_factory.mktemp("history") / "twin.sqlite") as store:
+        board = fakes.WrittenBoard(store)
         for index in range(LONG):
             fakes.take(store, board, "unsw", index, 10.0 * index, updated=index % 7 == 3,
                        faults=(fakes.FAULT,) if index % 5 == 0 else ())  # fmt: skip

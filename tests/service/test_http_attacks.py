@@ -192,7 +192,7 @@ def test_fault_of_the_program_is_an_answer_like_the_others_and_one_entry_of_the_
     app = create_app(board, store)
     app.state.store = Failing()
     with front(app) as (port, _):
-        for method, path in (("GET", "/v1/assets/unsw/inspections"), ("POST", WRITE)):
+        for method, path in (("GET", "/v1/assets/unsw/epochs"), ("POST", WRITE)):
             caplog.clear()
             body = {"revolutions": 1, "max_depth_um": 1, "flank": "combined", "std_um": 1}
             answer = httpx.request(method, f"http://127.0.0.1:{port}{path}", json=body if method == "POST" else None)

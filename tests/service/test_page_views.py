@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import playwright.sync_api
 import pytest
+import service_fakes as fakes
 from browsers import under_policy
 from conftest import serving
 from gear_signals import RIG, meshing_window
@@ -20,7 +21,6 @@ from test_page_access import findings
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
-from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 
@@ -41,7 +41,7 @@ def plant(tmp_path_factory):
     """The address of a service with a machine of each kind, with kept signals and alarms."""
     folder = tmp_path_factory.mktemp("plant")
     with SqlStore(folder / "twin.sqlite") as store:
-        board, kept = Board(), SignalStore(folder / "signals", 2**30)
+        board, kept = fakes.WrittenBoard(store), SignalStore(folder / "signals", 2**30)
         alarms = AlarmKeeper(AlarmStore(store.database))
         for kind in KINDS:
             show_machine(store, board, kind)

@@ -6,6 +6,7 @@ import json
 from datetime import datetime, timedelta
 
 import pytest
+import service_fakes as fakes
 from test_api import Client
 
 from benchmarks.scoring import run as run_windows
@@ -16,7 +17,6 @@ from service.cli.what_if import text
 from service.contract.estimate import step
 from service.contract.what_if import WhatIfIn
 from service.contract.what_if_answer import answer
-from service.results.board import Board
 from service.results.sql_store import SqlStore
 from tests.documentation import ROOT
 from twin.options import Options
@@ -41,7 +41,7 @@ def assess_into(store, board):
 def client(tmp_path_factory):
     """A service's answers over a store with the short campaign in it."""
     with SqlStore(tmp_path_factory.mktemp("store") / "gear-twin.sqlite") as store:
-        board = Board()
+        board = fakes.WrittenBoard(store)
         assess_into(store, board)
         yield Client(create_app(board, store))
 
