@@ -36,7 +36,7 @@ from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.signal_reading import KeptSignals
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 
 if TYPE_CHECKING:
     from service.signals.library import Library
@@ -49,7 +49,7 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 
 def create_app(
     board: AssetTable,
-    store: ResultStore,
+    store: SqlStore,
     queue: JobQueue | None = None,
     *,
     not_ready: Callable[[], str | None] = lambda: None,
@@ -143,7 +143,7 @@ def _describe(app: FastAPI) -> None:
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def _library(signals: KeptSignals, store: ResultStore, board: AssetTable) -> Callable[[], Library]:
+def _library(signals: KeptSignals, store: SqlStore, board: AssetTable) -> Callable[[], Library]:
     """The views of the windows that are kept, made when somebody first asks for one."""
 
     @cache

@@ -27,7 +27,8 @@ from service.contract.window import WindowRecord
 from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare
 from service.results.jobs import INSPECTION, Job
-from service.results.store import ResultStore, StoredWindow
+from service.results.sql_store import SqlStore
+from service.results.store import StoredWindow
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 
@@ -180,7 +181,7 @@ def _inspection(job: Job) -> dict[str, Any]:
     return {"inspection": inspection, **(job.outcome or job.given["answer"])}
 
 
-def trend_around(store: ResultStore, asset: str, revolutions: float) -> list[dict[str, Any]]:
+def trend_around(store: SqlStore, asset: str, revolutions: float) -> list[dict[str, Any]]:
     """The points of an asset's trend that say its depth at a number of revolutions: its first, its newest, and those on
     both sides. Windows follow each other in revolutions, so that a long history is not read whole.
     """
@@ -200,7 +201,7 @@ def trend_around(store: ResultStore, asset: str, revolutions: float) -> list[dic
     return [*{p["index"]: p for p in (*first, *between, *newest)}.values()]
 
 
-def _next_revolutions(store: ResultStore, asset: str, after: int) -> float | None:
+def _next_revolutions(store: SqlStore, asset: str, after: int) -> float | None:
     """Revolutions of the first window above an index that has them."""
     while page := store.windows(asset, after, FEW):
         found = next((p["revolutions"] for p in _points(page) if p.get("revolutions") is not None), None)

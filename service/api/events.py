@@ -20,7 +20,8 @@ from service.api.guard import Guarded, credential_of, needs
 from service.api.problems import responses
 from service.api.reading import shown_of
 from service.results.asset_table import AssetTable
-from service.results.store import Event, ResultStore
+from service.results.sql_store import SqlStore
+from service.results.store import Event
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
 
@@ -69,7 +70,7 @@ async def events(
 
 
 async def _stream(
-    board: AssetTable, store: ResultStore, asset: str, name: str, after: int, admitted: Callable[[], bool]
+    board: AssetTable, store: SqlStore, asset: str, name: str, after: int, admitted: Callable[[], bool]
 ) -> AsyncIterator[ServerSentEvent]:
     """Events until the service ends, or the credential has expired or been revoked."""
     with board.changes(asset) as changed:

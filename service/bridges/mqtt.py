@@ -33,7 +33,7 @@ from service.contract.plant import plant_alarm_change, plant_alarms, plant_resul
 from service.errors import InputError
 from service.printable import all_printable
 from service.results.board import Board, Snapshot
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from service.settings import Settings
 from service.steady_clock import later_time_ns
 
@@ -78,7 +78,7 @@ class MqttBridge:
         self,
         settings: Settings,
         board: Board,
-        store: ResultStore,
+        store: SqlStore,
         kept: KeptNumbers,
         inputs: SlowInputs | None = None,
         clock: Callable[[], int] = later_time_ns,

@@ -18,7 +18,7 @@ class FleetBoard(AssetTable):
     """The assets of all partitions, and who waits for them to change."""
 
     def __init__(self, store: FleetStore, alarms: AlarmKeeper) -> None:
-        super().__init__(store, alarms)  # type: ignore[arg-type]
+        super().__init__(store, alarms)
         self._fleet_store = store
 
     def _store_of(self, asset: str) -> SqlStore:

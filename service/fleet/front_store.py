@@ -1,4 +1,4 @@
-"""Results of all partitions as one `ResultStore`: each call goes to the partition of its asset, or of its number."""
+"""Results of all partitions: each call goes to the partition of its asset."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from service.results.sql_store import SqlStore
 from service.results.store import Event, StoredAsset, StoredWindow
 
 
-class FleetStore:
+class FleetStore(SqlStore):
     """The results of a fleet, for one front end. What it adds is announced to the worker of the partition."""
 
     def __init__(self, database: str, layout: Layout) -> None:

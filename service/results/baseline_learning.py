@@ -11,7 +11,7 @@ from service.files.rig import checked_rig
 from service.results.jobs import Jobs
 from service.results.present_machine import demand_present
 from service.results.signal_reading import KeptSignals
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from twin.baseline.learned import Baseline
 from twin.baseline.validity import identity_of
 from twin.errors import TwinError
@@ -22,7 +22,7 @@ SOUND = ("good", "repaired")
 def learn_from_windows(
     asset: str,
     indices: Sequence[int],
-    store: ResultStore,
+    store: SqlStore,
     signals: KeptSignals,
     jobs: Jobs,
     before: Path | None = None,
@@ -52,7 +52,7 @@ def learn_from_windows(
     return learned_from(checked_rig(rig, f"rig of {asset}"), windows, earlier)
 
 
-def _still_valid(baseline: Baseline, asset: str, store: ResultStore) -> Baseline:
+def _still_valid(baseline: Baseline, asset: str, store: SqlStore) -> Baseline:
     """The baseline; InputError where a change of the machine has ended it, or a part of it."""
     state = store.asset(asset).state
     if identity_of(baseline) in ((state or {}).get("outdated") or {}).values():
@@ -63,7 +63,7 @@ def _still_valid(baseline: Baseline, asset: str, store: ResultStore) -> Baseline
     return baseline
 
 
-def demand_same_teeth(baseline: Baseline, asset: str, store: ResultStore) -> None:
+def demand_same_teeth(baseline: Baseline, asset: str, store: SqlStore) -> None:
     """InputError where a baseline is of other gears than an asset."""
     rig = store.asset(asset).rig
     if rig is None:

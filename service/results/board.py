@@ -20,7 +20,8 @@ from service.contract.question import asked
 from service.contract.status import Backlog, none_yet, not_stored
 from service.results.asset_changes import AssetChanges
 from service.results.sparkline import REFUSED, Sparkline
-from service.results.store import FaultTotals, ResultStore, StoredAsset, StoredWindow, faults_of
+from service.results.sql_store import SqlStore
+from service.results.store import FaultTotals, StoredAsset, StoredWindow, faults_of
 
 TAIL = 100  # windows that a snapshot carries, the newest
 
@@ -78,7 +79,7 @@ class Snapshot:
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
     @classmethod
-    def from_store(cls, store: ResultStore, stored: StoredAsset, last_event_id: int) -> Snapshot:
+    def from_store(cls, store: SqlStore, stored: StoredAsset, last_event_id: int) -> Snapshot:
         """The snapshot as it was when the last window was committed; reads no more than the newest windows."""
         asset, windows = stored.asset, store.latest_windows(stored.asset, TAIL)
         return cls(
@@ -205,7 +206,7 @@ class Board:
         self._followers: list[AssetChanges] = []
 
     @classmethod
-    def from_store(cls, store: ResultStore, known: Iterable[StoredAsset] | None = None) -> Board:
+    def from_store(cls, store: SqlStore, known: Iterable[StoredAsset] | None = None) -> Board:
         """The board as it was when the last window was committed.
 
         known  all assets of the store, where they have been read

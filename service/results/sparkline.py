@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 
 POINTS = 30  # numbers of a sparkline at most, the newest included
 REFUSED = "refused"
@@ -30,7 +30,7 @@ class Sparkline:
     newest: SparkPoint | None = None
 
     @classmethod
-    def from_store(cls, store: ResultStore, asset: str, newest: int) -> Sparkline:
+    def from_store(cls, store: SqlStore, asset: str, newest: int) -> Sparkline:
         """The same as window by window, read from as many windows as are shown; `newest` is the latest index."""
         stride = 1
         while newest // stride >= POINTS - 1:

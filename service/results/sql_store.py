@@ -94,7 +94,7 @@ def _notable(record: Mapping[str, Any], events: Iterable[tuple[str, Any]], first
 
 
 class SqlStore:
-    """A `ResultStore` in a database. Safe to use from several threads of one process."""
+    """Results of all assets in a database. Safe to use from several threads of one process."""
 
     def __init__(self, where: Path | str | Backend | Database, *, claimed: bool = False) -> None:
         """where    an open database; or one to be opened: the file of an SQLite database, the URL of a PostgreSQL

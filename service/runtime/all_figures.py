@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from service.errors import StoreError
 from service.logs import figures as log_figures
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 
 if TYPE_CHECKING:  # a process without HTTP does not load what answers it
     from service.api.collector import Figures
@@ -18,7 +18,7 @@ def figures_of(*parts: Callable[[], Figures]) -> Callable[[], Figures]:
     return lambda: {key: value for figures in (*parts, log_figures) for key, value in figures().items()}
 
 
-def database_figures(store: ResultStore) -> dict[str, float]:
+def database_figures(store: SqlStore) -> dict[str, float]:
     """Figures of the database for /metrics; none while it cannot be used."""
     try:
         return {"store_bytes": store.database.size()}

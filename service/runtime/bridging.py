@@ -9,14 +9,14 @@ from service.bridges.bridge import Bridge, Bridges, Helper
 from service.bridges.kept import KeptNumbers
 from service.errors import InputError
 from service.results.board import Board
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from service.settings import Settings
 
 FOLDER = "bridges"  # in the data directory
 
 
 def bridges_of(
-    settings: Settings, board: Board, store: ResultStore, offer: Callable[[str, bytes], bool], access: Access
+    settings: Settings, board: Board, store: SqlStore, offer: Callable[[str, bytes], bool], access: Access
 ) -> Bridges:
     """All bridges; InputError where a setting or a package is missing.
 

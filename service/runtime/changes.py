@@ -31,8 +31,8 @@ from service.results.names import Names
 from service.results.present_machine import demand_present
 from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
 from service.results.sparkline import Sparkline
+from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
-from service.results.store import ResultStore
 from service.results.window_jobs import WindowJobs
 from service.runtime.computing import Ask, Made
 from service.runtime.intake import Intake
@@ -61,7 +61,7 @@ class Changes:
         windows: WindowJobs,
         reception: Reception,
         lanes: Lanes,
-        store: ResultStore,
+        store: SqlStore,
         board: Board,
         publication: StatePublication,
         *,

@@ -10,8 +10,8 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.inspections import outcome_of, refusal
 from service.results.board import Board, Snapshot
 from service.results.jobs import DECISION, INSPECTION, Job, Jobs
+from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
-from service.results.store import ResultStore
 from service.runtime.computing import Ask, Made
 from service.runtime.job_worker import JobKind, once
 from service.runtime.lane import Lane
@@ -29,7 +29,7 @@ class Decisions:
         self,
         jobs: Jobs,
         reception: Reception,
-        store: ResultStore,
+        store: SqlStore,
         board: Board,
         publication: StatePublication,
         alarms: AlarmKeeper | None = None,

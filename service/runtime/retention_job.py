@@ -7,7 +7,7 @@ import threading
 
 from service.errors import StoreError
 from service.results.retention import Retention, delete_old
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -30,7 +30,7 @@ def retention_of(settings: Settings) -> Retention:
 class RetentionJob(threading.Thread):
     """The thread that keeps the database bounded."""
 
-    def __init__(self, store: ResultStore, retention: Retention, pause: float = PAUSE) -> None:
+    def __init__(self, store: SqlStore, retention: Retention, pause: float = PAUSE) -> None:
         super().__init__(name="retention", daemon=True)
         self._store, self._retention, self._pause = store, retention, pause
         self._stopping = threading.Event()

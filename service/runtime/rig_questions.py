@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from service.results.jobs import Jobs
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, gears_differ
 from service.runtime.reception import Reception
@@ -27,7 +27,7 @@ class RigQuestions:
         self,
         reception: Reception,
         lanes: Lanes,
-        store: ResultStore,
+        store: SqlStore,
         jobs: Jobs,
         *,
         rigs: Rigs,

@@ -26,7 +26,8 @@ from service.files.rig_difference import differences
 from service.results.board import Board
 from service.results.names import Names
 from service.results.rig_proposals import RigProposals
-from service.results.store import ResultStore, StoredAsset
+from service.results.sql_store import SqlStore
+from service.results.store import StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.runtime.streams import streams_of
 from service.transport.protocol import Transport
@@ -107,7 +108,7 @@ class Rigs:
 
     def __init__(
         self,
-        store: ResultStore,
+        store: SqlStore,
         board: Board,
         given: GivenRigs,
         proposals: RigProposals | None = None,

@@ -10,8 +10,9 @@ from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.board import TAIL, Board, Snapshot
+from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
-from service.results.store import ResultStore, StoredWindow
+from service.results.store import StoredWindow
 from service.results.window_jobs import WindowJobs
 from service.runtime.outcomes import WindowOutcome
 from service.runtime.signal_writer import SignalWriter
@@ -27,7 +28,7 @@ class ServiceSink:
 
     def __init__(
         self,
-        store: ResultStore,
+        store: SqlStore,
         board: Board,
         publication: StatePublication,
         windows: WindowJobs,

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from service.results.window_jobs import WaitingWindow, WindowJobs
 from service.runtime.lane import Entry, Lane
 from service.runtime.lanes import SHED, Lanes
@@ -55,7 +55,7 @@ class Spool:
     def __init__(
         self,
         windows: WindowJobs,
-        store: ResultStore,
+        store: SqlStore,
         reception: Reception,
         lanes: Lanes,
         storage: StorageWatch,

@@ -24,8 +24,8 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.base import spoken_time
 from service.contract.verdict import seconds_between
 from service.results.board import Board, Snapshot, Stale
+from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
-from service.results.store import ResultStore
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
 from service.steady_clock import steady_time_ns
@@ -101,7 +101,7 @@ class StalenessWatch:
 
     def __init__(
         self,
-        store: ResultStore,
+        store: SqlStore,
         board: Board,
         publication: StatePublication,
         limits: StalenessLimits,

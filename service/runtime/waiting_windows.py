@@ -9,8 +9,8 @@ from typing import Any
 
 from service.contract.question import shown_question
 from service.results.board import Board
+from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
-from service.results.store import ResultStore
 from service.results.window_jobs import WindowJobs
 from service.runtime import questions
 from service.runtime.outcomes import HeldWindow
@@ -25,7 +25,7 @@ class WaitingWindows:
 
     def __init__(
         self,
-        store: ResultStore,
+        store: SqlStore,
         windows: WindowJobs,
         board: Board,
         publication: StatePublication,

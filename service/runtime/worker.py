@@ -20,7 +20,8 @@ from service.results.baseline_store import BaselineStore
 from service.results.board import Board, Stale
 from service.results.job_queue import ALARM, JobQueue
 from service.results.names import Names
-from service.results.store import ResultStore, StoredAsset
+from service.results.sql_store import SqlStore
+from service.results.store import StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.results.window_jobs import WindowJobs
 from service.runtime.asset_twins import AssetTwins
@@ -70,7 +71,7 @@ T = TypeVar("T")
 class Kept:
     """Where results are kept and shown, and what waits to be carried out."""
 
-    store: ResultStore
+    store: SqlStore
     board: Board
     queue: JobQueue
     windows: WindowJobs
@@ -454,7 +455,7 @@ def backlog_limits(settings: Settings) -> BacklogLimits:
 
 
 def restore(
-    lanes: Lanes, store: ResultStore, windows: WindowJobs | None = None, known: dict[str, StoredAsset] | None = None
+    lanes: Lanes, store: SqlStore, windows: WindowJobs | None = None, known: dict[str, StoredAsset] | None = None
 ) -> None:
     """Goes on where the store's assets ended. What their twins remember is read when it is first needed.
 
@@ -481,6 +482,6 @@ def restore(
         known.clear()
 
 
-def _state_of(asset: str, store: ResultStore) -> Mapping[str, Any] | None:
+def _state_of(asset: str, store: SqlStore) -> Mapping[str, Any] | None:
     """What is stored of an asset's twin."""
     return store.asset(asset).state

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from service.results.asset_table import AssetTable
 from service.results.signal_reading import KeptSignals
 from service.results.signal_thinning import KeptWindow
-from service.results.store import ResultStore
+from service.results.sql_store import SqlStore
 from service.signals.subject import Modelling, Subject
 from service.signals.view import View, ViewOptions
 from service.signals.views import VIEWS
@@ -51,7 +51,7 @@ class Recent(Generic[T]):
 class Library:
     """Views of all assets' windows."""
 
-    def __init__(self, signals: KeptSignals, store: ResultStore, board: AssetTable) -> None:
+    def __init__(self, signals: KeptSignals, store: SqlStore, board: AssetTable) -> None:
         self._signals, self._store, self._board = signals, store, board
         self._lock = threading.RLock()
         self._windows: Recent[Subject] = Recent(SUBJECTS)

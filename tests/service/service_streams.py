@@ -21,7 +21,7 @@ from service.fleet.front_store import FleetStore
 from service.fleet.layout import Layout, schema_of
 from service.results.data_folder import DATABASE
 from service.results.sql_store import SqlStore
-from service.results.store import ResultStore, Tables
+from service.results.store import Tables
 from service.runtime.demo import free_port as first_free
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap_write import RecordingWriter
@@ -159,7 +159,7 @@ class Service:
         fleet = Service.fleets is not None and Service.fleets.database(self.given)
         return Path(self.given["DATA"], schema_of(0) if fleet else "")
 
-    def store(self) -> AbstractContextManager[ResultStore]:
+    def store(self) -> AbstractContextManager[SqlStore]:
         """What it has stored, for who looks at it from outside, or writes to it."""
         fleet = None if Service.fleets is None else Service.fleets.database(self.given)
         return SqlStore(self.folder / DATABASE) if fleet is None else FleetStore(fleet, Layout(1))
@@ -203,7 +203,7 @@ class SqliteFile:
         return SqlStore(self.path / DATABASE)
 
 
-def tables_of(store: ResultStore) -> Tables:
+def tables_of(store: SqlStore) -> Tables:
     """The tables of assets in what a service has stored."""
     return store.fleet.partition(0) if isinstance(store, FleetStore) else store.database
 

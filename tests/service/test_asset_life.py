@@ -7,7 +7,6 @@ import signal
 
 import pytest
 import service_fakes as fakes
-from memory_store import MemoryStore
 from memory_transport import MemoryNetwork
 from service_streams import RIG, Service, SqliteFile, tables_of, wait_until, write_recording
 from test_decisions import post
@@ -413,15 +412,6 @@ def test_what_cannot_be_changed_is_refused_with_its_reason(running, network, fir
     assert post(running, "/v1/assets/nobody/changes", {"kind": "oil_changed"})[0] == 404
     status, answer = post(running, "/v1/assets", {"asset": "b", "rig": {"gears": {"modul": 2}}})
     assert status == 409 and "did you mean gears.module" in answer["detail"]
-
-
-@pytest.mark.slow
-def test_a_store_of_another_kind_knows_epochs_too(tmp_path, network, first, second):
-    with serving(tmp_path, network, MemoryStore()) as running:
-        asked(running, network, first, second)
-        assert change(running, "gears_replaced")[0] == 201
-        wait_until(lambda: running.get(UNSW)["windows_total"] == WINDOWS and running.get(UNSW)["epoch"] == 1)
-        assert revolutions(running.windows()) == FIRST
 
 
 # -- command line ----------------------------------------------------------------------------------------

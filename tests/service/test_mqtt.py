@@ -14,12 +14,11 @@ import pytest
 import service_fakes as fakes
 import trustme
 from jsonschema import Draft202012Validator
-from memory_store import MemoryStore
 from memory_transport import MemoryNetwork
 from mqtt_broker import TestBroker, broker_at_work, reading, wait_until
 from pwdlib import PasswordHash
 from pwdlib.hashers.argon2 import Argon2Hasher
-from service_streams import RIG, write_recording
+from service_streams import RIG, SqliteFile, write_recording
 from test_other_parts import serving
 
 from service.access.access import Access
@@ -438,7 +437,7 @@ def test_whole_service_publishes_to_a_broker_and_shows_the_temperature_that_it_h
     network = MemoryNetwork()
     with broker_at_work() as broker, reading(broker.port) as plant_side:
         given = {"mqtt": broker.url, "mqtt_inputs": inputs, "rig": RIG}
-        with serving(tmp_path / "data", network, MemoryStore(), **given) as running:
+        with serving(tmp_path / "data", network, SqliteFile(tmp_path / "data"), **given) as running:
             wait_until(lambda: "gear_twin_mqtt_connected 1.0" in running.text("/metrics"))
             plant_side.publish("plant/oil", {"oil": 333.15, "at": 1_700_000_001})
             wait_until(lambda: "gear_twin_mqtt_inputs_values_total 1.0" in running.text("/metrics"))

@@ -16,7 +16,6 @@ from unittest.mock import patch
 
 import fake_twin
 import pytest
-from memory_store import MemoryStore
 from memory_transport import MemoryNetwork
 from one_partition import served_as_a_fleet
 from pydantic import SecretStr
@@ -73,8 +72,8 @@ def serving(data, network, store, **given):
 
 
 @pytest.mark.slow
-def test_service_runs_over_a_network_and_a_store_in_memory_and_goes_on_after_a_restart(tmp_path, recording):
-    network, store = MemoryNetwork(), MemoryStore()
+def test_service_runs_over_a_network_in_memory_and_goes_on_after_a_restart(tmp_path, recording):
+    network, store = MemoryNetwork(), SqliteFile(tmp_path)
     assessed = plain(assess(recording, twin=fake_twin.TWIN))
     with serving(tmp_path, network, store) as running:
         replay(recording, (), 0, publish_to=network.open_publisher)
@@ -101,7 +100,7 @@ def test_service_runs_over_a_network_and_a_store_in_memory_and_goes_on_after_a_r
 
 def test_network_that_is_off_is_awaited_and_named(tmp_path):
     network = MemoryNetwork(reachable=False)
-    with serving(tmp_path, network, MemoryStore()) as running:
+    with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         wait_until(lambda: "the network in memory is off" in _reason(running))
         network.reachable = True
         wait_until(lambda: running.get("/readyz") is not None)
@@ -119,7 +118,7 @@ def _reason(running):
 def test_queue_is_bounded_by_the_bytes_of_the_settings(tmp_path):
     network = MemoryNetwork()
     given = {"queue_bytes": 2**20}
-    with serving(tmp_path, network, MemoryStore(), **given):
+    with serving(tmp_path, network, SqliteFile(tmp_path), **given):
         assert network.subscribed.wait(10)
         assert network.inbox._most_bytes == 2**20
 
