@@ -149,7 +149,7 @@ def test_what_is_kept_and_shown_of_an_asset_is_untouched_by_its_names(each_store
     assert after == (replace(before[0], label="press-7"), *before[1:])
     board = Board.from_store(each_store)
     assert board.get("unsw") is board.find("press-7") and board.find("unsw") is None and board.names() == ("press-7",)
-    assert board.get("unsw").whole["asset"] == board.summaries()[0]["asset"] == "press-7"
+    assert board.get("unsw").whole["asset"] == board.get("unsw").summary()["asset"] == "press-7"
     assert board.update("unsw", label="mill") is board.find("mill") and board.find("press-7") is None
 
 

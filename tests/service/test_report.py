@@ -15,6 +15,7 @@ import service_fakes as fakes
 
 from service.cli import run
 from service.cli.answer import could_be_found
+from service.json_text import plain
 from service.printable import printable
 from service.report import rendered, report_of
 from service.report.trends import trends
@@ -27,7 +28,7 @@ MISSING = {"status": "not available", "reason": "the rig file gives no bearings"
 def answer(store, board):
     """A machine past its end of life, by the service's own answer."""
     fakes.campaign(store, board)
-    return json.loads(json.dumps(board.get("unsw").whole))
+    return plain(board.get("unsw").whole)
 
 
 def pdf_text(data: bytes) -> list[str]:

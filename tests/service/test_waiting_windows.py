@@ -27,7 +27,7 @@ def waiting(store, board):
     """The place where the windows of an asset wait that has had one window."""
     fakes.take(store, board, "unsw", 0, 10.0)
     publication = SimpleNamespace(publish=lambda asset: None)
-    return WaitingWindows(store, WindowJobs(store.database), board, publication, clock=lambda: LATER)
+    return WaitingWindows(store, WindowJobs(store.database), board.own, publication, clock=lambda: LATER)
 
 
 def unavailable(asset):
@@ -42,7 +42,7 @@ def test_a_question_is_told_once_where_the_storage_fails_meanwhile(waiting, stor
             begin(waiting)
     begin(waiting)
     told = [event.kind for event in store.events("unsw", 0) if event.kind in ("question", "status")]
-    assert told == ["question", "status"] and board.get("unsw").last_event_id == store.last_event_id("unsw")
+    assert told == ["question", "status"] and board.own.get("unsw").last_event_id == store.last_event_id("unsw")
 
 
 def test_windows_that_wait_keep_an_asset_from_being_stale_after_a_restart_too(waiting, store):
