@@ -43,7 +43,7 @@ MASKS = (
     (rf"({TODAY})[T ][\d:.]+(Z| UTC)", "<time>"),  # recordings are older
     (rf"\b{time.time_ns() // 10**15}\d{{15}}\b", "0"),  # the same in nanoseconds
     (r"; \d+ windows? waits? to be assessed since [\d:]+ UTC", ""),  # as the processor was busy
-    (r',\s*\\?"waiting\\?":\s*\{[^{}]*\}', ""),
+    (r',\s*(\\?")+waiting(\\?")+:\s*\{[^{}]*\}', ""),
     (r'(?<="instance": ")[0-9a-f]{32}', "<process>"),
     (r"\b[mp][0-9a-f]{10}\b", "<id>"),  # of parts of a drawing, which are drawn by chance
 )

@@ -59,3 +59,5 @@ def test_only_what_depends_on_clock_and_process_is_masked():
     waits = {"reason": "good; 12 windows wait to be assessed since 09:21:09 UTC", "waiting": {"windows": 12}}
     assert json.loads(masked(json.dumps(waits))) == {"reason": "good"}
     assert json.loads(masked(json.dumps([json.dumps(waits)]))) == ['{"reason": "good"}']
+    in_csv = json.dumps(['status,"' + json.dumps(waits).replace('"', '""') + '"'])
+    assert json.loads(masked(in_csv)) == ['status,"{""reason"": ""good""}"']
