@@ -25,6 +25,7 @@ import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -138,13 +139,11 @@ def assessed(folder: Path, path: Path) -> None:
 def kills() -> Any:
     """The schedules as they are drawn, and where a seed is stated."""
     sys.path.insert(0, str(ROOT / "tests" / "service"))  # what the schedules are written with
-    from tests.chaos.__main__ import COUNTS
-    from tests.chaos.schedules import draw
-
+    counts, draw = import_module("tests.chaos.__main__").COUNTS, import_module("tests.chaos.schedules").draw
     files = sorted((*ROOT.glob("tests/**/*.py"), *ROOT.glob("benchmarks/**/*.py")))
     texts = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in files}
     seeds = {path: found for path, text in texts.items() if "kill" in text.lower() and (found := SEEDED.findall(text))}
-    return {"counts": COUNTS, "schedules": [asdict(draw(1, number)) for number in range(300)], "seeds": seeds}
+    return {"counts": counts, "schedules": [asdict(draw(1, number)) for number in range(300)], "seeds": seeds}
 
 
 def served(folder: Path, recordings: Sequence[Path], scratch: Path) -> None:
