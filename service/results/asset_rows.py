@@ -104,10 +104,20 @@ class AssetRows:
         self._later: dict[str, None] = {}  # ... and those whose rows can wait
         self._fresh_at = 0.0
 
+    def put(self, snapshot: Snapshot) -> None:
+        """Writes the row of an asset in the caller's transaction, which has changed it."""
+        put(self._database, [snapshot])
+
+    def kept(self, snapshot: Snapshot) -> None:
+        """The row that was put is committed, and the board shows the asset so."""
+        self._written[snapshot.asset] = snapshot
+        self._tell(snapshot.asset)
+
     def __call__(self) -> None:
         """Writes what is due. StorageUnavailable where that cannot be kept now; it is due still, then."""
         for asset in self._changes.take(0):
-            if (snapshot := self._board.get(asset)) is not None:
+            snapshot = self._board.get(asset)
+            if snapshot is not None and snapshot is not self._written.get(asset):
                 (self._later if _looks_alike(self._written.get(asset), snapshot) else self._due)[asset] = None
         if self._later and self._clock() >= self._fresh_at:
             self._fresh_at = self._clock() + FRESH_EVERY

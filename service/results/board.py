@@ -235,6 +235,11 @@ class Board:
 
     # -- publishing ----------------------------------------------------------------------------------
 
+    def with_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
+        """How an asset is shown with one more window, and other changed parts of the snapshot."""
+        snapshot = self._snapshots.get(asset) or Snapshot(asset=asset, label=asset)
+        return replace(snapshot.with_window(window), **_no_older(snapshot, changes)).with_whole()
+
     def add_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
         """Shows one committed window, and other changed parts of the snapshot."""
         return self._change(asset, lambda s: replace(s.with_window(window), **_no_older(s, changes)))

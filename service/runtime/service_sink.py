@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
+from service.results.asset_rows import AssetRows
 from service.results.board import TAIL, Board, Snapshot
 from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
@@ -35,8 +36,9 @@ class ServiceSink:
         clock: Callable[[], int] = later_time_ns,
         signals: SignalWriter | None = None,
         alarms: AlarmKeeper | None = None,
+        rows: AssetRows | None = None,
     ) -> None:
-        self._signals, self._alarms = signals, alarms
+        self._signals, self._alarms, self._rows = signals, alarms, rows
         self._windows = windows
         self._open: tuple[Mapping[str, Any], ...] = ()  # alarms after the window that was committed last
         self._store, self._board, self._publication, self._clock = store, board, publication, clock
@@ -67,6 +69,8 @@ class ServiceSink:
             if outcome.waited is not None:
                 self._windows.drop_waiting(outcome.waited)
             self._last_event_id = self._store.last_event_id(outcome.asset)
+            if self._committed is not None and self._rows is not None:
+                self._rows.put(self._board.with_window(outcome.asset, self._committed, **self._shown(outcome)))
         if self._committed is None:
             self._delete(outcome)
             start = outcome.record["start_time"]
@@ -116,19 +120,19 @@ class ServiceSink:
         events = (*events, *status_events(before, *shown.health()))
         self._store.note(asset, events, outcome.window.start_time_ns)
 
+    def _shown(self, outcome: WindowOutcome) -> dict[str, Any]:
+        """What is shown otherwise with the window that was committed last."""
+        return {
+            "report": outcome.report, "quality": outcome.quality, "alarms": self._open, "question": outcome.question,
+            "received_ns": self._received_ns, "last_event_id": self._last_event_id,
+        }  # fmt: skip
+
     def publish(self, outcome: WindowOutcome) -> None:
         """Shows the window that was committed last."""
         assert self._committed is not None
-        self._board.add_window(
-            outcome.asset,
-            self._committed,
-            report=outcome.report,
-            quality=outcome.quality,
-            alarms=self._open,
-            question=outcome.question,
-            received_ns=self._received_ns,
-            last_event_id=self._last_event_id,
-        )
+        snapshot = self._board.add_window(outcome.asset, self._committed, **self._shown(outcome))
+        if self._rows is not None:
+            self._rows.kept(snapshot)
         self._publication.publish(outcome.asset)
         if self._signals is not None:
             self._signals.offer(outcome, None if outcome.waited is None else self._windows.file_of(outcome.waited))

@@ -300,6 +300,7 @@ class Worker(threading.Thread):
             closed.journey.received_ns = reception.last_arrival_ns(closed.asset) or 0
             spool.add(closed)
 
+        rows = AssetRows(store.database, board, self.shown)
         reception = self._reception = Reception(
             lambda asset: self._rigs.of(asset, offered, known.get(asset)),
             close,
@@ -310,7 +311,7 @@ class Worker(threading.Thread):
         )
         lanes = self._lanes = Lanes(
             reception,
-            ServiceSink(store, board, publication, windows, signals=self._signals, alarms=kept.alarms),
+            ServiceSink(store, board, publication, windows, signals=self._signals, alarms=kept.alarms, rows=rows),
             computing,
             twin_of=AssetTwins(self._twin, kept.baselines).of,
             new_state=lambda: NEW,
@@ -353,7 +354,6 @@ class Worker(threading.Thread):
         questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame
-        rows = AssetRows(store.database, board, self.shown)
         storage_status = self._storage_status = StorageStatus(storage, board, publication)
         backlog = BacklogWatch(lanes, computing, board, publication)
 

@@ -57,10 +57,11 @@ class Bench:
             self.board.update(asset, alarms=self.keeper.open(asset))
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
-        self.sink = ServiceSink(
-            self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper
-        )
         self.rows = AssetRows(self.store.database, self.board)
+        self.sink = ServiceSink(
+            self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper,
+            rows=self.rows,
+        )  # fmt: skip
         self.rows()
         table = AssetTable(self.store, self.keeper)
         self.client = Client(create_app(table, self.store, alarms=self.keeper, told=self.take_up, live=self.board))
@@ -75,7 +76,6 @@ class Bench:
             given = replace(given, report={**given.report, "wear": not_available(found.wear.reason)})
         if self.sink.commit(given):
             self.sink.publish(given)
-            self.rows()
             self.index += 1
 
     def take_up(self, what, asset):
