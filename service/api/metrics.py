@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -14,6 +15,8 @@ from service.api.guard import Guarded, may_read, needs, public
 from service.api.problems import problem, responses
 from service.contract import rest as models
 from service.contract.base import iso_time
+
+READ_WAIT = 3.0  # for the database, which a service that is ready reads in milliseconds [s]
 
 router = APIRouter(tags=["operation"], route_class=Guarded)
 
@@ -47,7 +50,10 @@ async def readyz(request: Request) -> Any:
     if not await may_read(request):
         return JSONResponse({"status": "ready"})
     board, unserved = request.app.state.board, request.app.state.unserved
-    found = await run_in_threadpool(board.stale)
+    try:
+        found = await asyncio.wait_for(run_in_threadpool(board.stale), READ_WAIT)
+    except TimeoutError:
+        return problem(request, 503, f"the database has not answered within {READ_WAIT:g} s")
     stale = [{"asset": asset, "since": since, "reason": reason} for asset, reason, since in found]
     fleet = {} if unserved is None else {"unserved_partitions": list(unserved())}
     return JSONResponse({"status": "ready", "stale": stale, **fleet})
