@@ -363,8 +363,10 @@ class Worker(threading.Thread):
             positions()
             first_frames()
             backlog()
-            for part in (questions, requests, watch, rows):
+            for part in (questions, requests, watch):
                 storage.attempt(part)
+            if storage.reason is None:  # else what waits is kept first
+                storage.attempt(rows)
             requests.tell()
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)

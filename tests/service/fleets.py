@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -59,7 +60,8 @@ def row(database, asset="unsw"):
             table = tables_of(number)["assets"]
             found = db.execute(sa.select(table).where(table.c.asset == asset)).mappings().first()
             if found is not None:
-                return {**found, "partition": number}
+                summary = json.loads(found["summary"] or '{"windows": 0}')  # written with the first window
+                return {**found, "partition": number, "summary": summary}
     return None
 
 

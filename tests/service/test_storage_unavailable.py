@@ -130,7 +130,8 @@ def test_a_disk_that_becomes_read_only_is_waited_for(tmp_path, recording, begun)
             time.sleep(2.0)
             assert len(running.windows()) == 1
             status, _, complained = running.end()
-            assert status == 0 and "Traceback" not in complained and complained.count("it is tried again") == 1
+            assert status == 0 and "Traceback" not in complained
+            assert 1 <= complained.count("it is tried again") <= 2  # of the database, and of the windows' folder
         finally:
             running.end(signal.SIGKILL)
     (tmp_path / "disk").rmdir()
