@@ -28,36 +28,36 @@ class Names:
     """The names of all assets, in the results' database."""
 
     def __init__(self, database: Tables) -> None:
-        self._database = database
+        self.database = database
 
     # -- reading -------------------------------------------------------------------------------------
 
     def label(self, asset: str) -> str:
         """What an asset is called now; its id where nothing is kept of it yet."""
-        return next((label for (label,) in self._database.rows(_LABEL, {"of": asset})), asset)
+        return next((label for (label,) in self.database.rows(_LABEL, {"of": asset})), asset)
 
     def labels(self) -> dict[str, str]:
         """What each asset is called now, by its id."""
-        return {asset: label for asset, label in self._database.rows(select(ASSETS.c.asset, ASSETS.c.label))}
+        return {asset: label for asset, label in self.database.rows(select(ASSETS.c.asset, ASSETS.c.label))}
 
     def labelled(self, name: str) -> str | None:
         """The asset that has or had a name as its label; None where none had."""
-        rows = self._database.rows(select(NAMES.c.labelled).where(_IS), {"of": name})
+        rows = self.database.rows(select(NAMES.c.labelled).where(_IS), {"of": name})
         return rows[0][0] if rows else None
 
     def asset_of(self, stream: str) -> str:
         """The asset whose frames come under a name; that name's own where it was never given."""
         return next(
-            (asset for (asset,) in self._database.rows(select(NAMES.c.asset).where(_IS), {"of": stream})), stream
+            (asset for (asset,) in self.database.rows(select(NAMES.c.asset).where(_IS), {"of": stream})), stream
         )
 
     def routes(self) -> dict[str, str]:
         """The names under which another asset's frames come than that whose id it is, each with that asset."""
-        return {name: asset for name, asset in self._database.rows(_NOT_ITS_NAME)}
+        return {name: asset for name, asset in self.database.rows(_NOT_ITS_NAME)}
 
     def is_free(self, name: str) -> bool:
         """Whether a name has never been given."""
-        return not self._database.rows(select(NAMES.c.name).where(_IS), {"of": name})
+        return not self.database.rows(select(NAMES.c.name).where(_IS), {"of": name})
 
     # -- writing -------------------------------------------------------------------------------------
 
@@ -71,19 +71,19 @@ class Names:
 
         Frames that come under the new name are the asset's, too.
         """
-        with self._database.transaction() as db:
+        with self.database.transaction() as db:
             if self.labelled(name) != asset or self.label(asset) == name:
                 self.demand_free(name)
                 self._give(db, asset, name)
             db.execute(update(ASSETS).where(ASSETS.c.asset == asset).values(label=name))
-            self._database.named(db, asset, name)
+            self.database.named(db, asset, name)
 
     def _give(self, db: Connection, asset: str, name: str) -> None:
-        self._database.ensure(db, asset)
-        db.execute(self._database.insert(NAMES), {"name": name, "asset": asset, "labelled": asset})
+        self.database.ensure(db, asset)
+        db.execute(self.database.insert(NAMES), {"name": name, "asset": asset, "labelled": asset})
 
     def give_streams(self, asset: str, other: str) -> None:
         """From now on all frames that were an asset's are another one's."""
-        with self._database.transaction() as db:
-            self._database.ensure(db, other)
+        with self.database.transaction() as db:
+            self.database.ensure(db, other)
             db.execute(update(NAMES).where(NAMES.c.asset == asset).values(asset=other))

@@ -13,6 +13,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.long_lived import long_lived
 from service.results.alarm_store import AlarmStore
+from service.results.asset_rows import put
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
 from service.results.data_folder import BASELINES, SIGNALS, WAITING
@@ -107,9 +108,10 @@ def _restored(store: SqlStore) -> Iterator[tuple[dict[str, StoredAsset], Board]]
 
 def unknown_of(settings: Settings, board: Board, names: Names, elsewhere: Elsewhere = everything_here) -> UnknownAssets:
     """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
-    for asset in (*settings.assets, *settings.asset_rigs):
-        if names.is_free(asset) and elsewhere(asset) is None:
-            board.update(asset)
+    declared = dict.fromkeys((*settings.assets, *settings.asset_rigs))
+    new = [asset for asset in declared if names.is_free(asset) and elsewhere(asset) is None]
+    if new:
+        put(names.database, [board.update(asset) for asset in new])
     rule, why = settings.rule_of_new_assets
     log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
     return UnknownAssets(

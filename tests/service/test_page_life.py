@@ -128,8 +128,8 @@ def test_a_page_goes_on_under_the_other_name_that_somebody_gives_its_machine(ope
     fakes.rename(store, board, "unsw", "press-7")
     page.wait_for_function("location.hash === '#/asset/press-7/life'")
     page.wait_for_selector("main[data-view=life]")
-    fakes.take(store, board, "press-7", 90, 19500.0)
-    total = board.get("press-7").windows_total
+    fakes.take(store, board, "unsw", 90, 19500.0)
+    total = board.get("unsw").windows_total
     page.wait_for_function(f"document.querySelector('main').dataset.windows === '{total}'")
     page.wait_for_selector("#link[data-state=live]")
     assert page.inner_text("#trail").endswith("press-7")
