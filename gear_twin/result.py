@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.contract.answer import Asset
-from service.contract.base import Band
+from service.contract.parts import Band
 from service.contract.status import Status
 from service.contract.wear import Rul, Wear
 

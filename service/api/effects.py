@@ -17,8 +17,7 @@ from service.api.problems import problem, responses
 from service.api.reading import asset_of, shown_of
 from service.contract import rest as models
 from service.contract.attribution import Tracing
-from service.contract.base import NotAvailable
-from service.contract.effects import Effect
+from service.contract.parts import Effect, NotAvailable
 from service.errors import FAULT
 from service.results.store import StoredDecision
 

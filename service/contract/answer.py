@@ -9,14 +9,15 @@ from pydantic import Field
 
 from service.contract.alarms import AlarmCount
 from service.contract.attribution import Calibration, Tracing
-from service.contract.base import ContractModel, NotAvailable, not_available
+from service.contract.base import ContractModel, not_available
 from service.contract.baseline import Baseline, UnattributedLines, UnattributedSearch
 from service.contract.detectable import Detectable
-from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.encoder_pair import EncoderPair
 from service.contract.modulation import Modulation
+from service.contract.parts import Effect, NotAvailable, Residual, Unexplained
 from service.contract.question import Question, Retired, asked, shown_question
 from service.contract.rig import RigSummary
+from service.contract.shape import json_of
 from service.contract.status import (
     Added,
     Backlog,
@@ -88,9 +89,9 @@ def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
         "status": status.as_json(),
         "wear": part_of(found.wear, Wear),
         "rul": part_of(found.life, Rul),
-        "residual": part_of(found.residual, Residual),
-        "effects": [Effect.of(effect).as_json() for effect in found.effects],
-        "unexplained": Unexplained.of(found.unexplained).as_json(),
+        "residual": json_of(found.residual),
+        "effects": [json_of(effect) for effect in found.effects],
+        "unexplained": json_of(found.unexplained),
         "calibration": part_of(found.calibration, Calibration),
     }
     if found.detectable is not None:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import DEGREE, MICROMETRE, PERCENT, ContractModel, Figure, in_unit
-from service.contract.effects import Errors
+from service.contract.base import ContractModel, in_unit
+from service.contract.parts import Errors, Figure
+from twin.assessment.key import DEGREE, MICROMETRE, PERCENT
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import PERCENT, AnswerModel, ContractModel
+from service.contract.base import AnswerModel, ContractModel
+from twin.assessment.key import PERCENT
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

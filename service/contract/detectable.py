@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from service.contract.base import ContractModel, NotAvailable
+from service.contract.base import ContractModel
+from service.contract.parts import NotAvailable
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

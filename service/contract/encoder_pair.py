@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import MICROMETRE, MICRORADIAN, MILLIMETRE, ContractModel, Figure, in_unit
+from service.contract.base import ContractModel, in_unit
+from service.contract.parts import Figure
+from twin.assessment.key import MICROMETRE, MICRORADIAN, MILLIMETRE
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

@@ -14,11 +14,11 @@ from typing import Any
 import twin.step
 from service.contract.answer import report_of
 from service.contract.attribution import LogEntry
-from service.contract.base import MICROMETRE
 from service.contract.status import Status, status_after
 from service.contract.wear import Rul
 from service.contract.window import WindowRecord
 from twin import assessment
+from twin.assessment.key import MICROMETRE
 from twin.held_level import HeldLevel
 from twin.machine_change import MachineChange
 from twin.options import Options

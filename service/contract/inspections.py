@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import MICROMETRE, PERCENT, Band, ContractModel
+from service.contract.base import ContractModel
+from service.contract.parts import Band
 from service.contract.trend import is_available
+from twin.assessment.key import MICROMETRE, PERCENT
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import PERCENT, ContractModel
+from service.contract.base import ContractModel
+from twin.assessment.key import PERCENT
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

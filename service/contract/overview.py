@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from service.contract.base import MICROMETRE
 from service.contract.trend import is_available
+from twin.assessment.key import MICROMETRE
 
 Kind = Literal["model", "baseline", "encoders", "level"]
 

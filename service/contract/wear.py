@@ -6,19 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import (
-    DEGREE,
-    HOUR,
-    MICROMETRE,
-    MILLIMETRE,
-    Band,
-    ContractModel,
-    NotAvailable,
-    in_unit,
-    iso_time,
-)
+from service.contract.base import ContractModel, in_unit, iso_time, not_available
 from service.contract.inspections import Inspections
+from service.contract.parts import Band, NotAvailable
 from service.contract.window import Methods
+from twin.assessment.key import DEGREE, HOUR, MICROMETRE, MILLIMETRE
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment
@@ -212,7 +204,7 @@ class Wear(ContractModel):
 
     @classmethod
     def _of_level(cls, wear: assessment.LevelWear) -> Wear:
-        missing = NotAvailable(status="not available", reason=wear.flank_reason)
+        missing = NotAvailable.model_validate(not_available(wear.flank_reason))
         origin = wear.relation
         return cls(
             k_wear_per_n=None,

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
-from service.contract.base import MICROMETRE, PERCENT, ContractModel, in_unit
+from service.contract.base import ContractModel, in_unit
 from service.contract.indicators import SensorIndicators
+from twin.assessment.key import MICROMETRE, PERCENT
 
 if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
     from twin import assessment

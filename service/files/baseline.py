@@ -22,8 +22,8 @@ import numpy as np
 from service.contract.base import not_available
 from service.contract.baseline import Baseline as BaselineModel
 from service.contract.baseline import BaselineWindow, UnattributedLines, UnattributedSearch
-from service.contract.effects import Effect, Residual, Unexplained
 from service.contract.modulation import Modulation
+from service.contract.shape import json_of
 from service.errors import InputError
 from service.files.recorded_rig import choose_asset, rig_of
 from service.files.rig import assembly_for, checked_rig, window_of_rig
@@ -205,9 +205,9 @@ def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[st
             "refused": loaded.refused,
             "wear": missing,
             "rul": missing,
-            "residual": Residual.of(found.residual).as_json(),
-            "effects": [Effect.of(effect).as_json() for effect in found.effects],
-            "unexplained": Unexplained.of(found.unexplained).as_json(),
+            "residual": json_of(found.residual),
+            "effects": [json_of(effect) for effect in found.effects],
+            "unexplained": json_of(found.unexplained),
             "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
             "unattributed_search": sought,
             "modulation": [Modulation.of(one).as_json() for one in modulation_of(loaded, baseline)],
