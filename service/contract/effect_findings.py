@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 
 from service.contract.finding import Finding, Level, sentence
-from service.contract.modulation import causes_of
+from service.contract.parts import causes_of
 from twin import assessment
 from twin.assessment.key import MICROMETRE, PERCENT
 from twin.attention import StatusLimits

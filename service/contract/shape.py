@@ -26,10 +26,31 @@ from pydantic import Field, create_model
 
 from service.contract.base import ContractModel, iso_time
 from service.json_text import plain
+from twin import assessment
 from twin.assessment.key import ALWAYS, DEFAULT, FILLED, GIVEN, ISO_TIME, NEVER, OPTIONAL, Key, Shown
 
 Convert = Callable[[Any], Any]
-NAMES: dict[type, str] = {}  # of models of parts, where that of the dataclass is another
+NAMES: Mapping[type, str] = {
+    assessment.BaseRadii: "PairBaseRadii",
+    assessment.BaselineSufficiency: "Sufficiency",
+    assessment.EffectEvent: "LogEntry",
+    assessment.HeldOutErrors: "Errors",
+    assessment.LeftOut: "LeavingOut",
+    assessment.LineSideband: "Sideband",
+    assessment.FusedEstimate: "FusedMethod",
+    assessment.MethodEstimates: "Methods",
+    assessment.MissedCount: "PairMissedCount",
+    assessment.ModelValidity: "Validity",
+    assessment.PairCurve: "PairTransmissionError",
+    assessment.PossibleCause: "Cause",
+    assessment.RmsEstimate: "RmsMethod",
+    assessment.RunOut: "PairRunOut",
+    assessment.SharpStep: "PairSharpStep",
+    assessment.SpectralLine: "Line",
+    assessment.SpectrumExcerpt: "Excerpt",
+    assessment.WearProfile: "Profile",
+}
+"""Names of models that no class is made of, where they are not those of the dataclasses."""
 _models: dict[type, type[Made]] = {}
 _converters: dict[type, Convert] = {}  # of dataclasses that a function of their own converts
 

@@ -7,8 +7,7 @@ from math import inf
 from typing import Any
 
 from service.contract.base import in_unit, iso_time
-from service.contract.parts import Band, NotAvailable
-from service.contract.wear import preliminary_of
+from service.contract.parts import Band, NotAvailable, Preliminary
 from service.contract.what_if import (
     DateBand,
     DutyDistribution,
@@ -64,7 +63,7 @@ def answer(asset: str, rig: Rig, state: State, asked: WhatIfIn) -> dict[str, Any
         survival=_survival(found),
         target=None if target is None else _target(found, target, asked.until, clock),
         present_hours=Band.of(life.time, HOUR),
-        preliminary=preliminary_of(found.preliminary),
+        preliminary=None if found.preliminary is None else Preliminary.of(found.preliminary),
         notes=list(found.notes),
         reason=found.reason,
     ).as_json()

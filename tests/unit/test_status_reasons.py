@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from service.contract.answer import report_of
+from service.contract.parts import Wear as WearJson
 from service.contract.status import status_of
-from service.contract.wear import Wear as WearJson
 from tests.unit.test_status import HEALTHY, effect, life, pair, wear
 from twin import assessment
 from twin.assessment import (

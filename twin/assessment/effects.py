@@ -181,6 +181,15 @@ class EffectAssessment:
     ] = ()
 
 
+_LIMIT = Key(
+    "limit_percent",
+    PERCENT,
+    "the larger of the limits for acceleration and transmission error",
+    shown=OPTIONAL,
+    after="reason",
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unexplained:
     """What the model with its effects does not explain."""
@@ -202,18 +211,7 @@ class Unexplained:
     struck: Annotated[str, HIDDEN] = ""  # shaft whose turn impacts repeat with, always at the same tooth: or ""
 
     @property
-    def limit(
-        self,
-    ) -> Annotated[
-        float | None,
-        Key(
-            "limit_percent",
-            PERCENT,
-            "the larger of the limits for acceleration and transmission error",
-            shown=OPTIONAL,
-            after="reason",
-        ),
-    ]:
+    def limit(self) -> Annotated[float | None, _LIMIT]:
         """The larger of the limits for acceleration and transmission error; None where none is known."""
         known = [limit for limit in (self.limits.waveform, self.limits.transmission_error) if limit is not None]
         return max(known, default=None)

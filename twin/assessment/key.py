@@ -20,7 +20,6 @@ MICRORADIAN = 1e-6  # [rad]
 DEGREE = pi / 180  # [rad]
 PERCENT = 0.01
 HOUR = 3600.0  # [s]
-HOURS_PER_DAY = 1 / 24  # of a share of the time
 ISO_TIME: Final = "ISO 8601"  # of Unix time [ns]
 
 
