@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import Field
 
 from service.contract.base import ContractModel
+from service.contract.overview import is_available
 from service.contract.parts import Band
-from service.contract.trend import is_available
 
 BY_LEVEL = (
     "the depth of this machine comes from a relation of vibration level and depth: add the inspection to the series "

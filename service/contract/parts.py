@@ -23,13 +23,11 @@ class NotAvailable(Made):
 
 
 @made_of(assessment.Interval)
-class Band(Made):
-    """Median and 5–95 % interval."""
+class Band(Made): ...
 
 
 @made_of(assessment.ParameterValue)
-class Figure(Made):
-    """One parameter of an effect."""
+class Figure(Made): ...
 
 
 # -- residual, effects, and what is unexplained ------------------------------------------------------------
@@ -50,8 +48,6 @@ def _rate(growth: assessment.Growth) -> dict[str, Any] | None:
 
 @made_of(assessment.Growth)
 class Growth(Made):
-    """How the size of an effect has gone on after its onset, where it is not constant."""
-
     rate_per_million_revolutions: Annotated[Figure | None, Said(_rate, shown=GIVEN)] = Field(
         default=None,
         description="of a size that grows evenly: mean since the onset, per 1e6 revolutions of the pinion",
@@ -70,8 +66,6 @@ def _curves(effect: assessment.EffectAssessment) -> dict[str, list[float]]:
 
 @made_of(assessment.EffectAssessment)
 class Effect(Made):
-    """An effect that the model lacked and that was added, or a change against a healthy baseline."""
-
     label: Annotated[str | None, Said(_label, after="name", shown=GIVEN)] = Field(
         default=None, description="for people; absent where the effect is none of the table"
     )
@@ -81,26 +75,18 @@ class Effect(Made):
 
 
 @made_of(assessment.Residual)
-class Residual(Made):
-    """What the twin does not explain, over the latest windows."""
+class Residual(Made): ...
 
 
 @made_of(assessment.Unexplained)
-class Unexplained(Made):
-    """What the model with its effects does not explain."""
+class Unexplained(Made): ...
 
 
 # -- what the effects rest on ------------------------------------------------------------------------------
 
 
-@made_of(assessment.CalibrationAssessment)
-class Calibration(Made):
-    """Calibrated values with their relative uncertainty and what they rest on."""
-
-
 @made_of(assessment.Attribution)
-class Tracing(Made):
-    """What the effects rest on, and what the twin would say without them."""
+class Tracing(Made): ...
 
 
 # -- comparison with a healthy baseline --------------------------------------------------------------------
@@ -108,14 +94,11 @@ class Tracing(Made):
 
 @made_of(assessment.RawLimit)
 class RawLimit(Made):
-    """A limit on raw RMS and kurtosis, given with the verdict."""
-
     exceeded: Annotated[bool, Said(lambda limit: bool(limit.exceeded))]
 
 
 @made_of(assessment.BaselineAssessment)
-class Baseline(Made):
-    """What a healthy baseline was learned from, and the window that was compared with it."""
+class Baseline(Made): ...
 
 
 class AssetBaseline(AnswerModel):
@@ -128,16 +111,6 @@ class AssetBaseline(AnswerModel):
     windows: list[int] | None = Field(None, description="windows of the asset that it was learned from")
     added: bool | None = Field(None, description="whether recordings of an earlier baseline take part, too")
     baseline: Baseline | None = Field(None, description="what it was learned from, and what it suffices for")
-
-
-@made_of(assessment.UnattributedLines)
-class UnattributedLines(Made):
-    """A spacing of lines that no known shaft makes."""
-
-
-@made_of(assessment.UnattributedSearch)
-class UnattributedSearch(Made):
-    """What lines of no known shaft were searched for in a window: pairs of sidebands about mesh harmonics."""
 
 
 # -- what is known without a model, and what could have been found ----------------------------------------
@@ -163,11 +136,6 @@ def _kind_of(found: assessment.Modulation) -> str:
 
 @made_of(assessment.Modulation)
 class Modulation(Made):
-    """How deep a multiple of one shaft's turn modulates the mesh vibration in one accelerometer.
-
-    A description, not a fault: healthy gears have sidebands, too. Only a healthy baseline shows whether they are new.
-    """
-
     channel: Annotated[str, Said(lambda found: f"accel/{found.sensor}")]
     kind: Annotated[str, Said(_kind_of, after="depth_std_percent")] = Field(
         description="amplitude, phase, or amplitude and phase"
@@ -204,8 +172,6 @@ def _alarms(found: assessment.FalseAlarms) -> str:
 
 @made_of(assessment.Detectable)
 class Detectable(Made):
-    """What could have been found: where nothing was, or where the verdict is `explained`."""
-
     said: Annotated[list[str], Said(_detectable, after="false_alarms")] = Field(
         default=[], description="the same in words, a heading first, as every view prints it"
     )
@@ -233,8 +199,6 @@ def contradiction(compared: assessment.InspectedDepth) -> str:
 
 @made_of(assessment.InspectionResult)
 class Inspections(Made):
-    """Inspections that are part of the estimate."""
-
     contradictions: Annotated[
         list[str],
         Said(lambda found: [contradiction(c) for c in found.compared if c.contradicts], after="windows_wrong_percent"),
@@ -242,18 +206,15 @@ class Inspections(Made):
 
 
 @made_of(assessment.Preliminary)
-class Preliminary(Made):
-    """Why a figure is not established: its band is wider, and it raises no alarm unless earlier windows support it."""
+class Preliminary(Made): ...
 
 
 @made_of(assessment.RelationOrigin)
-class Relation(Made):
-    """What a relation of level and depth was learned from."""
+class Relation(Made): ...
 
 
 @made_of(assessment.LevelReading)
-class LevelReading(Made):
-    """The latest level under one operating condition."""
+class LevelReading(Made): ...
 
 
 class Depths(ContractModel):
@@ -316,8 +277,6 @@ def _distribution(life: assessment.Life) -> dict[str, Any]:
 
 @made_of(assessment.Life)
 class Rul(Made):
-    """Remaining useful life at the present operating condition."""
-
     distribution: Annotated[
         LifeDistribution | None, Said(_distribution, shown=lambda life: bool(life.distribution))
     ] = Field(default=None, description="the life as a distribution")
@@ -329,14 +288,8 @@ class Rul(Made):
 # -- encoders alone ----------------------------------------------------------------------------------------
 
 
-@made_of(assessment.StatedRatio)
-class Stated(Made):
-    """A stated ratio compared with the measured one."""
-
-
 @made_of(assessment.EncoderPair)
-class EncoderPair(Made):
-    """What two encoders say of a pair: ratio, run-out, missed counts."""
+class EncoderPair(Made): ...
 
 
 def with_assumed_radii(section: Mapping[str, Any], radii: tuple[float, float]) -> dict[str, Any]:

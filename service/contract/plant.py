@@ -13,10 +13,9 @@ from pydantic import Field
 from service.contract.alarms import Alarm, AlarmCount, counted
 from service.contract.base import ContractModel, not_available
 from service.contract.finding import Level
-from service.contract.overview import overview
+from service.contract.overview import is_available, overview
 from service.contract.parts import Band, NotAvailable
 from service.contract.status import DataLevel
-from service.contract.trend import is_available
 from service.contract.verdict import Verdict
 
 VERSION = 1

@@ -1,7 +1,7 @@
 """The JSON of an assessment and its description, both made from the types of its fields and their `Key`s.
 
     @made_of(assessment.Life)
-    class Rul(Made):
+    class Rul(Made):  # its docstring is that of `Life` where it has none
         of_wear_alone: bool | None = None                   # a key that the service adds
         note: Annotated[str, Said(in_words, after="date")]  # a key that a function of the assessment gives
 
@@ -33,6 +33,7 @@ Convert = Callable[[Any], Any]
 NAMES: Mapping[type, str] = {
     assessment.BaseRadii: "PairBaseRadii",
     assessment.BaselineSufficiency: "Sufficiency",
+    assessment.CalibrationAssessment: "Calibration",
     assessment.EffectEvent: "LogEntry",
     assessment.HeldOutErrors: "Errors",
     assessment.LeftOut: "LeavingOut",
@@ -48,6 +49,7 @@ NAMES: Mapping[type, str] = {
     assessment.SharpStep: "PairSharpStep",
     assessment.SpectralLine: "Line",
     assessment.SpectrumExcerpt: "Excerpt",
+    assessment.StatedRatio: "Stated",
     assessment.WearProfile: "Profile",
 }
 """Names of models that no class is made of, where they are not those of the dataclasses."""
@@ -105,7 +107,8 @@ def made_of(kind: type) -> Callable[[type[M]], type[M]]:
             raise TypeError(f"{bare.__name__}: a model was made of {kind.__name__} before")
         own = {field.alias or name for name, field in bare.model_fields.items()}
         keys: Any = {_name(key): part.described() for key, part in _parts(kind).items() if key not in own}
-        model = create_model(bare.__name__, __base__=bare, __module__=bare.__module__, __doc__=bare.__doc__, **keys)
+        about = bare.__doc__ or kind.__doc__
+        model = create_model(bare.__name__, __base__=bare, __module__=bare.__module__, __doc__=about, **keys)
         _models[kind] = model
         return model
 
@@ -115,8 +118,7 @@ def made_of(kind: type) -> Callable[[type[M]], type[M]]:
 def model_of(kind: type) -> type[Made]:
     """The model of a dataclass: the one that was made of it, or one of its keys alone."""
     if kind not in _models:
-        keys: Any = {_name(key): part.described() for key, part in _parts(kind).items()}
-        _models[kind] = create_model(NAMES.get(kind, kind.__name__), __base__=Made, __doc__=kind.__doc__, **keys)
+        made_of(kind)(create_model(NAMES.get(kind, kind.__name__), __base__=Made, __doc__=kind.__doc__))
     return _models[kind]
 
 

@@ -24,8 +24,6 @@ class SlowValue(ContractModel):
 
 @made_of(assessment.WindowAssessment)
 class WindowRecord(Made):
-    """One measurement window."""
-
     start_time: str | None = Field(default=None, description="start of the window, ISO 8601")
     temperatures: dict[str, SlowValue] | None = Field(default=None, description="slow channels, by place")
     loads: dict[str, SlowValue] | None = Field(

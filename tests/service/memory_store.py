@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from service.contract.trend import figures
+from service.contract.overview import figures
 from service.json_text import plain
 from service.results.database import Database
 from service.results.store import Event, StoredAsset, StoredDecision, StoredInspection, StoredWindow, faults_of

@@ -26,7 +26,10 @@ _compared = partial(Key, shown=lambda found: found.healthy is not None)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modulation:
-    """How deep a multiple of one shaft's turn modulates the mesh vibration in one accelerometer."""
+    """How deep a multiple of one shaft's turn modulates the mesh vibration in one accelerometer.
+
+    A description, not a fault: healthy gears have sidebands, too. Only a healthy baseline shows whether they are new.
+    """
 
     sensor: Annotated[str, HIDDEN]
     shaft: Annotated[str, Key(meaning="pinion or gear")]
