@@ -278,7 +278,7 @@ def _distribution(life: assessment.Life) -> dict[str, Any]:
 @made_of(assessment.Life)
 class Rul(Made):
     distribution: Annotated[
-        LifeDistribution | None, Said(_distribution, shown=lambda life: bool(life.distribution))
+        LifeDistribution | None, Said(_distribution, after="reason", shown=lambda life: bool(life.distribution))
     ] = Field(default=None, description="the life as a distribution")
     of_wear_alone: bool | None = Field(
         default=None, description="true where damage of another kind is found, which the life does not count"

@@ -27,7 +27,7 @@ from pydantic import Field, create_model
 from service.contract.base import ContractModel, iso_time
 from service.json_text import plain
 from twin import assessment
-from twin.assessment.key import ALWAYS, DEFAULT, FILLED, GIVEN, ISO_TIME, NEVER, OPTIONAL, Key, Shown
+from twin.assessment.key import ALWAYS, DEFAULT, FILLED, GIVEN, ISO_TIME, NEVER, Key, Shown
 
 Convert = Callable[[Any], Any]
 NAMES: Mapping[type, str] = {
@@ -222,25 +222,26 @@ def _object(kind: type, unit: Any) -> Convert:
         for said in field.metadata:
             if isinstance(said, Said):
                 rows = _placed(rows, field.alias or name, (said.make, plain, said.shown), said.after)
-    made = [(name, *row) for name, row in rows.items()]
+    made = [(name, read, converted, _condition(shown)) for name, (read, converted, shown) in rows.items()]
 
     def convert(whole: Any) -> dict[str, Any]:
         out = {}
-        for name, read, converted, shown in made:
+        for name, read, converted, condition in made:
             value = read(whole)
-            if shown is ALWAYS or _is_shown(shown, value, whole):
+            if condition is None or condition(value, whole):
                 out[name] = converted(value)
         return out
 
     return convert
 
 
-def _is_shown(shown: Any, value: Any, whole: Any) -> bool:
+def _condition(shown: Shown | Callable[[Any], bool]) -> Callable[[Any, Any], bool] | None:
+    """Whether a key is there, by its value and the whole dataclass; None where it always is."""
     if shown is GIVEN:
-        return value is not None
+        return lambda value, whole: value is not None
     if shown is FILLED:
-        return bool(value)
-    return shown in (OPTIONAL, DEFAULT) or shown(whole)
+        return lambda value, whole: bool(value)
+    return None if isinstance(shown, Shown) else lambda value, whole: shown(whole)
 
 
 def _converter(kind: Any, key: Key, unit: Any) -> Convert:
@@ -251,6 +252,8 @@ def _converter(kind: Any, key: Key, unit: Any) -> Convert:
     if origin in (Union, UnionType):
         return _one_of([member for member in members if member is not NoneType], key, unit)
     if origin is tuple:
+        if {*members} - {members[0], Ellipsis}:
+            raise TypeError(f"{key.name}: members of different types have no key: they need a dataclass, not {kind}")
         return _items(_converter(members[0], key, unit))
     if origin is not None and isinstance(origin, type) and issubclass(origin, Mapping):
         return _mapping(_converter(members[1], key, unit))

@@ -1,6 +1,6 @@
 """`status` and `data`: what a person should know first about a machine, and whether usable data come from it.
 
-Every status, wherever it is shown or acted on, is made by `made_of` from one typed `Basis`. The level is that of the
+Every status, wherever it is shown or acted on, is made by `status_from` from one typed `Basis`. The level is that of the
 most severe finding (service/contract/findings.py), the reasons are those of all findings, and the action is that of the
 first. `normal` is said only where there is no finding, and then with what it rests on. Besides what the assessment
 says, the basis holds the window that the verdict rests on (verdict.py), and what the service knows when it is shown:
@@ -19,18 +19,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
 from service.contract.base import ContractModel, iso_time
 from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, sentence, shortened
+from service.contract.findings import findings_of, normal_reason
 from service.contract.verdict import SUBJECT, Verdict
+from twin import assessment
 from twin.attention import STATUS_LIMITS, StatusLimits
 from twin.held_level import HeldLevel, LevelHysteresis
-
-if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
-    from twin import assessment
 
 DataLevel = Literal["waiting", "ok", "degraded", "stale"]
 DATA_LEVELS: tuple[DataLevel, ...] = ("waiting", "ok", "degraded", "stale")
@@ -112,7 +111,7 @@ class Basis:
     verdict: Verdict | None = None  # the window that the findings rest on; None where they rest on none
 
 
-def made_of(basis: Basis) -> Status:
+def status_from(basis: Basis) -> Status:
     """The status: the one function that makes levels, reasons and actions."""
     old = None if basis.verdict is None else basis.verdict.finding()
     ordered = _ordered(basis.findings if old is None else (*basis.findings, old))
@@ -153,7 +152,7 @@ def _ordered(findings: Iterable[Finding]) -> list[Finding]:
 
 def status_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Status:
     """The status that an assessment alone gives, without `since` and without the levels of earlier windows."""
-    return made_of(basis_of(found, limits))
+    return status_from(basis_of(found, limits))
 
 
 def status_after(
@@ -166,13 +165,13 @@ def status_after(
     verdict = found.verdict
     at = 0 if verdict is None else verdict.latest_ns
     if rank >= was or found.window is None:
-        return made_of(basis), level_held(top, at)
+        return status_from(basis), level_held(top, at)
     counts = verdict is None or verdict.index is None or not verdict.since
     held = replace(held, lower=held.lower + counts)
     if held.lower >= HYSTERESIS.windows:
-        return made_of(basis), level_held(top, at)
+        return status_from(basis), level_held(top, at)
     kept = tuple(f for f in basis.findings if f.subject != held.subject)
-    return made_of(replace(basis, findings=(_still(held), *kept))), held
+    return status_from(replace(basis, findings=(_still(held), *kept))), held
 
 
 def level_held(top: Finding | None, time_ns: int) -> HeldLevel:
@@ -196,8 +195,6 @@ def _still(held: HeldLevel) -> Finding:
 
 def basis_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Basis:
     """What an assessment gives for a status."""
-    from service.contract.findings import findings_of, normal_reason  # loads the types of the twin
-
     return Basis(
         findings=tuple(findings_of(found, limits)),
         normal=normal_reason(found),
@@ -208,7 +205,7 @@ def basis_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS)
 def without_verdict(reason: str, action: str) -> dict[str, Any]:
     """A status that gives no verdict, for one reason, as JSON data."""
     finding = Finding(subject="data", level="no_verdict", reason=sentence(reason), action=action)
-    return made_of(Basis(findings=(finding,))).as_json()
+    return status_from(Basis(findings=(finding,))).as_json()
 
 
 def none_yet(reason: str, backlog: Backlog | None = None) -> dict[str, Any]:
@@ -332,7 +329,7 @@ def _with(status: Mapping[str, Any], added: Sequence[Added], records: Sequence[M
     own = tuple(f for f in map(Finding.model_validate, status["findings"]) if f.subject != SUBJECT)
     normal = status["reasons"][0] if before == "normal" and status["reasons"] else NORMAL_REASON
     basis = Basis(findings=(*own, *(a.finding for a in added)), normal=normal, verdict=verdict)
-    now = made_of(basis).as_json()
+    now = status_from(basis).as_json()
     since = status.get("since")
     if now["level"] != before:
         began = next((a.since for a in added if a.finding.level == now["level"]), None)

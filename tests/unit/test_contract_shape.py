@@ -79,6 +79,15 @@ def test_the_model_describes_the_same_keys_and_reads_what_is_shown():
     assert isinstance(Answer.of(Whole(source="a", depth=DEPTH)).depth_um, Band)
 
 
+def test_members_of_different_types_have_no_keys():
+    @dataclass(frozen=True)
+    class Pairs:
+        pairs: tuple[tuple[str, float], ...]
+
+    with pytest.raises(TypeError, match="pairs: members of different types have no key"):
+        json_of(Pairs((("a", 1.0),)))
+
+
 def test_a_model_is_made_of_a_dataclass_once():
     assert model_of(Whole) is Answer
     with pytest.raises(TypeError, match="Second: a model was made of Whole before"):

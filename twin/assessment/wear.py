@@ -225,6 +225,6 @@ class Life:
     speed: Annotated[float, Key("speed_hz")]  # of the condition
     torque: Annotated[float, Key("torque_nm")]
     reason: Annotated[str | None, _also_given(meaning="why only the lower bound is known")] = None
-    distribution: tuple[tuple[float, float | None], ...] = ()  # probability, revolutions left at most; None: no bound
+    distribution: Annotated[tuple[tuple[float, float | None], ...], HIDDEN] = ()  # probability, revolutions at most
     date: Annotated[LifeDate | Unavailable | None, _given(meaning="when it ends")] = None
     preliminary: Annotated[Preliminary | None, _also_given(meaning="null where the life is established")] = None
