@@ -2,41 +2,61 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 from pydantic import Field
 
 from service.contract.alarms import AlarmCount
-from service.contract.base import not_available
-from service.contract.parts import (
-    NotAvailable,
-    Tracing,
-    Unexplained,
-    Wear,
-    json_of,
-)
-from service.contract.question import Question, Retired, asked, shown_question
-from service.contract.rig import RigSummary
+from service.contract.base import ContractModel, not_available
+from service.contract.parts import NotAvailable, Tracing, Unexplained, Wear, json_of
 from service.contract.shape import Made, made_of
 from service.contract.status import (
     Added,
     Backlog,
     DataStatus,
+    Question,
+    Retired,
     Status,
     Unstored,
+    asked,
     data_of,
     none_yet,
     of_wear_alone,
     shown,
+    shown_question,
 )
 from service.contract.window import WindowRecord
 from twin import assessment
+from twin.rig import Rig
 
 SCHEMA_VERSION = 2
 SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration", "tracing")
 NO_WINDOW = "no window has been assessed by the twin yet"
 NO_WHOLE_WINDOW = "no whole measurement window has been received yet"
+
+
+class RigSummary(ContractModel):
+    """The rig file in use, in short."""
+
+    name: str
+    mesh_stiffness: str = Field(description="potential-energy method, or given in the rig file")
+    notes: list[str] = Field(description="values that the file states twice and differently, a sentence each")
+
+    @classmethod
+    def of(cls, rig: Rig) -> RigSummary:
+        return _summary(rig.text)
+
+
+@lru_cache(maxsize=16)
+def _summary(text: str) -> RigSummary:
+    """Kept by the file's values: the notes on wear take half a second."""
+    from twin.rig_notes import rig_notes
+
+    rig = Rig.from_mapping(json.loads(text))
+    return RigSummary(name=rig.name, mesh_stiffness=rig.mesh_stiffness_source, notes=list(rig_notes(rig)))
 
 
 @made_of(assessment.Assessment)

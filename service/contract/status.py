@@ -1,6 +1,6 @@
 """`status` and `data`: what a person should know first about a machine, and whether usable data come from it.
 
-Every status, wherever it is shown or acted on, is made by `status_from` from one typed `Basis`. The level is that of the
+Every status, wherever it is shown or acted on, is made by `status_from` one typed `Basis`. The level is that of the
 most severe finding (service/contract/findings.py), the reasons are those of all findings, and the action is that of the
 first. `normal` is said only where there is no finding, and then with what it rests on. Besides what the assessment
 says, the basis holds the window that the verdict rests on (verdict.py), and what the service knows when it is shown:
@@ -42,6 +42,8 @@ REPAIR_WORKERS = "Look into the log of the service: what has been received is ke
 MOST_BEHIND = 3  # machines that are named
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
 CHECK = "Check the data before the machine is judged"
+ANSWER = "Answer the open question: windows wait for it."
+HIDDEN = ("rig", "settings")  # what the service keeps with a question for itself
 
 
 class Since(ContractModel):
@@ -100,6 +102,27 @@ class Added(ContractModel):
 
     finding: Finding
     since: str | None = None  # ISO 8601
+
+
+class Question(ContractModel):
+    """A question that only people can answer. While it is open, the asset is never `normal`."""
+
+    kind: Literal["count_fell", "gears_differ", "frames_repeat"]
+    text: str
+    detail: str = Field(description="what raised it")
+    since: str = Field(description="ISO 8601, by the stream's clock")
+    answers: list[str] = Field(description="kinds of change that answer it (`POST /v1/assets/{asset}/changes`)")
+    waiting: int = Field(description="windows that are kept until it is answered, and processed then")
+    left_out: int | None = Field(default=None, description="windows for which there was no room to wait")
+    differences: list[str] | None = Field(default=None, description="of the rig files")
+
+
+class Retired(ContractModel):
+    """An asset that is out of use."""
+
+    since: str
+    by: str | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -321,6 +344,20 @@ def not_stored(unstored: tuple[str, str] | None) -> tuple[Added, ...]:
     reason, since = unstored
     text = sentence(f"Results cannot be stored: {reason}")
     return (Added(finding=Finding(subject="storage", level="no_verdict", reason=text, action=REPAIR), since=since),)
+
+
+def asked(question: Mapping[str, Any] | None) -> tuple[Added, ...]:
+    """The finding that an open question is: nothing is `normal` until it is answered."""
+    if question is None:
+        return ()
+    reason = f"{question['text']} {question['detail']}"
+    finding = Finding(subject="question", level="no_verdict", reason=reason, action=ANSWER)
+    return (Added(finding=finding, since=question["since"]),)
+
+
+def shown_question(question: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The question as it is shown."""
+    return None if question is None else {k: v for k, v in question.items() if k not in HIDDEN}
 
 
 def _with(status: Mapping[str, Any], added: Sequence[Added], records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
