@@ -4,7 +4,7 @@
 
 Lengths are in metres, times in seconds, angles in radians, errors and shares as fractions of one. A quantity that
 cannot be given is `Unavailable` with its reason, or None where the reason is given elsewhere in the same record.
-What JSON shows of it, each field declares beside its type (`key.py`); `service/contract/shape.py` makes the JSON.
+What JSON shows of it, each field declares with its type (`key.py`); `service/contract/shape.py` makes the JSON.
 
 This package imports nothing of the twin, so that every part of it may return these types.
 """

@@ -1,4 +1,4 @@
-"""How JSON shows a field of an assessment: its key, unit and meaning, declared beside its type.
+"""How JSON shows a field of an assessment: its key, unit and meaning, declared with its type.
 
     depth: Annotated[float, Key("wear_depth_um", MICROMETRE, "largest combined depth")]
 
