@@ -17,7 +17,7 @@ from gear_twin.result import Result
 from service.access.client_tls import client_context
 from service.contract.alarms import Alarm
 from service.contract.asset_life import AssetChange
-from service.contract.baseline import AssetBaseline
+from service.contract.parts import AssetBaseline
 from service.contract.rest import AssetSummary, DecisionAnswer, InspectionAnswer
 from service.contract.signals import Indicators, Signals, SignalView, Waterfall
 from service.contract.what_if import WhatIf

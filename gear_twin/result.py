@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.contract.answer import Asset
-from service.contract.base import Band
+from service.contract.parts import Band, Rul, Wear
 from service.contract.status import Status
-from service.contract.wear import Rul, Wear
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

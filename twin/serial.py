@@ -150,7 +150,9 @@ def _form_of(kind: Any) -> _Form:
     if kind is bytes:
         return _Form("an array", lambda data, kept: kept.bytes(data), lambda v, written: written.number(v), (bytes,))
     if origin is Annotated:
-        how = members[1]
+        how = next((extra for extra in members[1:] if isinstance(extra, Named | Packed)), None)
+        if how is None:  # what it says is not of how it is written
+            return _form(members[0])
         return _named(how.table) if isinstance(how, Named) else _packed(how.format)
     if origin in (Union, UnionType):
         return _union([_form(member) for member in members])

@@ -8,7 +8,7 @@ from typing import Any
 
 from service.alarms.rules import BY_STATUS
 from service.contract.finding import SEVERITY, sentence
-from service.contract.trend import is_available
+from service.contract.overview import is_available
 from twin.learned_limits import OperatingPoint
 
 UNUSABLE = ("degraded", "refused")

@@ -19,10 +19,9 @@ from service.api.problems import responses
 from service.api.reading import asset_of, shown_of
 from service.contract import rest as models
 from service.contract.answer import Asset
-from service.contract.base import NotAvailable, not_available
-from service.contract.effects import Residual
+from service.contract.base import not_available
 from service.contract.inspections import refusal
-from service.contract.wear import Rul, Wear
+from service.contract.parts import NotAvailable, Residual, Rul, Wear
 from service.contract.window import WindowRecord
 from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare

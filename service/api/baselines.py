@@ -18,7 +18,7 @@ from service.api.guard import Guarded, needs
 from service.api.limits import LONGEST_TARGET
 from service.api.problems import problem, responses
 from service.api.reading import asset_of, shown_of
-from service.contract.baseline import AssetBaseline, Baseline
+from service.contract.parts import AssetBaseline, Baseline
 from service.errors import FAULT, InputError
 from service.results.baseline_store import BaselineStore
 

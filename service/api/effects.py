@@ -16,9 +16,7 @@ from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
 from service.api.reading import asset_of, shown_of
 from service.contract import rest as models
-from service.contract.attribution import Tracing
-from service.contract.base import NotAvailable
-from service.contract.effects import Effect
+from service.contract.parts import Effect, NotAvailable, Tracing
 from service.errors import FAULT
 from service.results.jobs import DECISION, Job
 

@@ -385,13 +385,13 @@ def baseline(
 ) -> None:
     """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
     from service.cli.baseline_report import learned_text
-    from service.contract.baseline import Baseline
+    from service.contract.parts import json_of
     from service.files.baseline import learned, save
     from twin.baseline.comparison import described
 
     found = learned(recordings, rig, windowing(), prefix_of(prefix))
     save(found, out)
-    said = Baseline.of(described(found)).as_json()
+    said = json_of(described(found))
     if not wrote_json(said, json):
         print(learned_text(said))
     tell(f"baseline written to {out}")

@@ -7,7 +7,7 @@ from typing import Any
 
 from service.cli.figure_style import AFTER, BEFORE, LOOK, MEASURED
 from service.cli.show import reason
-from service.contract.encoder_pair import with_assumed_radii as on_assumed_radii
+from service.contract.parts import with_assumed_radii as on_assumed_radii
 from service.errors import InputError
 
 MOST_TEETH = 6  # ratios of tooth counts that are named

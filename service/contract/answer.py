@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import Any
 
 from pydantic import Field
 
 from service.contract.alarms import AlarmCount
-from service.contract.attribution import Calibration, Tracing
-from service.contract.base import ContractModel, NotAvailable, not_available
-from service.contract.baseline import Baseline, UnattributedLines, UnattributedSearch
-from service.contract.detectable import Detectable
-from service.contract.effects import Effect, Residual, Unexplained
-from service.contract.encoder_pair import EncoderPair
-from service.contract.modulation import Modulation
-from service.contract.question import Question, Retired, asked, shown_question
-from service.contract.rig import RigSummary
+from service.contract.base import ContractModel, not_available
+from service.contract.parts import NotAvailable, Tracing, Unexplained, Wear, json_of
+from service.contract.shape import Made, made_of
 from service.contract.status import (
     Added,
     Backlog,
     DataStatus,
+    Question,
+    Retired,
     Status,
     Unstored,
+    asked,
     data_of,
     none_yet,
     of_wear_alone,
     shown,
+    shown_question,
 )
-from service.contract.wear import Rul, Wear, part_of
 from service.contract.window import WindowRecord
-
-if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
-    from twin import assessment
+from twin import assessment
+from twin.rig import Rig
 
 SCHEMA_VERSION = 2
 SECTIONS = ("wear", "rul", "residual", "effects", "unexplained", "calibration", "tracing")
@@ -40,7 +38,29 @@ NO_WINDOW = "no window has been assessed by the twin yet"
 NO_WHOLE_WINDOW = "no whole measurement window has been received yet"
 
 
-class Asset(ContractModel):
+class RigSummary(ContractModel):
+    """The rig file in use, in short."""
+
+    name: str
+    mesh_stiffness: str = Field(description="potential-energy method, or given in the rig file")
+    notes: list[str] = Field(description="values that the file states twice and differently, a sentence each")
+
+    @classmethod
+    def of(cls, rig: Rig) -> RigSummary:
+        return _summary(rig.text)
+
+
+@lru_cache(maxsize=16)
+def _summary(text: str) -> RigSummary:
+    """Kept by the file's values: the notes on wear take half a second."""
+    from twin.rig_notes import rig_notes
+
+    rig = Rig.from_mapping(json.loads(text))
+    return RigSummary(name=rig.name, mesh_stiffness=rig.mesh_stiffness_source, notes=list(rig_notes(rig)))
+
+
+@made_of(assessment.Assessment)
+class Asset(Made):
     """The whole state of one asset, the same as `gear-twin assess` writes."""
 
     schema_version: int
@@ -57,57 +77,16 @@ class Asset(ContractModel):
     windows: list[WindowRecord] = Field(description="the service carries the latest 100; `assess` all of them")
     windows_total: int
     wear: Wear | NotAvailable
-    rul: Rul | NotAvailable
-    residual: Residual | NotAvailable
-    effects: list[Effect]
     unexplained: Unexplained | NotAvailable
-    detectable: Detectable | None = Field(
-        default=None, description="what could have been found; where nothing was, or the verdict is `explained`"
-    )
-    calibration: Calibration | NotAvailable
     tracing: Tracing | NotAvailable
-    baseline: Baseline | None = None
-    pair: EncoderPair | NotAvailable | None = Field(
-        default=None, description="absent where a model is known, or an encoder is not there"
-    )
-    unattributed_lines: list[UnattributedLines] | None = None
-    unattributed_search: UnattributedSearch | None = Field(
-        default=None, description="search of the latest window for lines of no known shaft"
-    )
     alarms: AlarmCount | None = Field(default=None, description="open alarms; of the service")
-    modulation: list[Modulation] | None = Field(
-        default=None, description="sidebands of the mesh lines, of a machine without a model; the deepest first"
-    )
     data_quality: dict[str, Any]
     rig: RigSummary | None = Field(default=None, description="the rig file in short; of `gear-twin assess`")
 
 
 def report_of(found: assessment.Assessment, status: Status) -> dict[str, Any]:
     """The parts of the answer that an assessment gives, as JSON data."""
-    parts: dict[str, Any] = {
-        "status": status.as_json(),
-        "wear": part_of(found.wear, Wear),
-        "rul": part_of(found.life, Rul),
-        "residual": part_of(found.residual, Residual),
-        "effects": [Effect.of(effect).as_json() for effect in found.effects],
-        "unexplained": Unexplained.of(found.unexplained).as_json(),
-        "calibration": part_of(found.calibration, Calibration),
-    }
-    if found.detectable is not None:
-        parts["detectable"] = Detectable.of(found.detectable).as_json()
-    if found.attribution is not None:
-        parts["tracing"] = Tracing.of(found.attribution).as_json()
-    if found.baseline is not None:
-        parts["baseline"] = Baseline.of(found.baseline).as_json()
-    if found.encoder_pair is not None:
-        parts["pair"] = part_of(found.encoder_pair, EncoderPair)
-    if found.unattributed_lines is not None:
-        parts["unattributed_lines"] = [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines]
-    if found.unattributed_search is not None:
-        parts["unattributed_search"] = UnattributedSearch.of(found.unattributed_search).as_json()
-    if found.modulation is not None:
-        parts["modulation"] = [Modulation.of(one).as_json() for one in found.modulation]
-    return parts
+    return {"status": status.as_json(), **json_of(found)}
 
 
 def health_of(

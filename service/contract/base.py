@@ -1,28 +1,18 @@
 """What every model of the contract is made of: strict JSON, units, and what stands for a missing quantity.
 
-Models are built from the twin's assessment (`Model.of(...)`) and describe the REST answers in OpenAPI; `as_json` gives
-the answer itself. A key that a builder does not set is left out; a value that is not finite is null.
+Models describe the REST answers in OpenAPI; those of the twin's assessment are made in shape.py. A key that is not set
+is left out; a value that is not finite is null.
 """
 
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
-from math import pi
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from service.json_text import plain
-
-if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
-    from twin import assessment
-
-MICROMETRE = 1e-6  # [m]
-MILLIMETRE = 1e-3  # [m]
-MICRORADIAN = 1e-6  # [rad]
-PERCENT = 0.01
-HOUR = 3600.0  # [s]
-DEGREE = pi / 180  # [rad]
+from twin.assessment.key import HOUR
 
 
 class AnswerModel(BaseModel):
@@ -41,47 +31,9 @@ class ContractModel(AnswerModel):
         return plain(self.model_dump(mode="python", by_alias=True, exclude_unset=True))
 
 
-class NotAvailable(ContractModel):
-    """Takes the place of a part that cannot be computed from what is known."""
-
-    status: Literal["not available"]
-    reason: str
-
-    @classmethod
-    def of(cls, missing: assessment.Unavailable) -> NotAvailable:
-        return cls(status="not available", reason=missing.reason)
-
-
-class Band(ContractModel):
-    """Median and 5–95 % interval."""
-
-    median: float | None = Field(description="null where only a lower bound is known")
-    p05: float | None
-    p95: float | None = Field(description="null where no upper bound is known")
-
-    @classmethod
-    def of(cls, interval: assessment.Interval, unit: float = 1.0) -> Band:
-        """The interval in multiples of `unit` (SI)."""
-        return cls(
-            median=in_unit(interval.median, unit), p05=interval.p05 / unit, p95=in_unit(interval.p95, unit)
-        )  # fmt: skip
-
-
-class Figure(ContractModel):
-    """One parameter of an effect."""
-
-    value: float | None
-    unit: str
-    std: float | None
-
-    @classmethod
-    def of(cls, parameter: assessment.ParameterValue) -> Figure:
-        return cls(value=parameter.value, unit=parameter.unit, std=parameter.std)
-
-
 def not_available(reason: str) -> dict[str, Any]:
     """What takes the place of a quantity that cannot be given, as JSON data."""
-    return NotAvailable(status="not available", reason=reason).as_json()
+    return {"status": "not available", "reason": reason}
 
 
 def in_unit(value: float | None, unit: float) -> float | None:

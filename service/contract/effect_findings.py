@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from service.contract.base import MICROMETRE, PERCENT
 from service.contract.finding import Finding, Level, sentence
-from service.contract.modulation import causes_of
+from service.contract.parts import causes_of
 from twin import assessment
+from twin.assessment.key import MICROMETRE, PERCENT
 from twin.attention import StatusLimits
 
 OTHER_ACTIONS = {"mesh_change": "Inspect the flanks and the lubrication of the gears at the next stop."}

@@ -13,12 +13,10 @@ from typing import Any
 
 import twin.step
 from service.contract.answer import report_of
-from service.contract.attribution import LogEntry
-from service.contract.base import MICROMETRE
+from service.contract.parts import json_of
 from service.contract.status import Status, status_after
-from service.contract.wear import Rul
-from service.contract.window import WindowRecord
 from twin import assessment
+from twin.assessment.key import MICROMETRE
 from twin.held_level import HeldLevel
 from twin.machine_change import MachineChange
 from twin.options import Options
@@ -84,7 +82,7 @@ def _by_people(rig: Rig, state: State, found: assessment.Assessment, options: Op
 def estimate_of(found: assessment.Assessment, status: Status) -> Estimate:
     """An assessment with its status as strict JSON data."""
     return Estimate(
-        record={} if found.window is None else WindowRecord.of(found.window).as_json(),
+        record={} if found.window is None else json_of(found.window),
         report=report_of(found, status),
         events=tuple(_event(event) for event in found.events),
     )
@@ -92,14 +90,14 @@ def estimate_of(found: assessment.Assessment, status: Status) -> Estimate:
 
 def _event(event: assessment.Event) -> tuple[str, Mapping[str, Any]]:
     if isinstance(event, assessment.EffectEvent):
-        return "effect", LogEntry.of(event).as_json()
+        return "effect", json_of(event)
     if isinstance(event, assessment.LifeEvent):
-        return "rul", Rul.of(event.life).as_json()
+        return "rul", json_of(event.life)
     if isinstance(event, assessment.CountEvent):
         effect = {"revolutions": event.revolutions, "from_window": event.window}
         given = {"by": None, "note": event.reason, "revolutions": event.seen}
         return "change", {"kind": "counter_reset", **given, "effect": effect}
-    record = WindowRecord.of(event.window).as_json()
+    record = json_of(event.window)
     if isinstance(event, assessment.UpdateEvent):
         return "update", {name: record[name] for name in UPDATE_FIELDS}
     return "window", record

@@ -42,11 +42,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from service.contract.base import MICROMETRE, iso_time, spoken_time
+from service.contract.base import iso_time, spoken_time
 from service.contract.effect_findings import EFFECT_RULES, Rule
 from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, cause, sentence
-from service.contract.inspections import contradiction
+from service.contract.parts import contradiction
 from twin import assessment
+from twin.assessment.key import MICROMETRE
 from twin.attention import DAY, StatusLimits, probability_within, revolutions_ahead
 
 INCOMPLETE = (

@@ -1,79 +1,15 @@
-"""`wear.inspections`: measured depths that are part of the estimate, and what one more of them changed."""
+"""What a measured depth has changed of an estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import Field
 
-from service.contract.base import MICROMETRE, PERCENT, Band, ContractModel
-from service.contract.trend import is_available
-
-if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
-    from twin import assessment
-
-
-class InspectedDepth(ContractModel):
-    """A measured depth, and what the windows alone say of it."""
-
-    revolutions: float
-    flank: str
-    max_depth_um: float
-    std_um: float
-    by_windows_um: Band = Field(description="of the same flank at the same revolutions")
-    difference_in_std: float = Field(description="windows less inspection, in joint standard deviations")
-    contradicts: bool = Field(description="whether they differ by more than their uncertainties allow")
-
-    @classmethod
-    def of(cls, compared: assessment.InspectedDepth) -> InspectedDepth:
-        return cls(
-            revolutions=compared.revolutions,
-            flank=compared.flank,
-            max_depth_um=compared.depth / MICROMETRE,
-            std_um=compared.std / MICROMETRE,
-            by_windows_um=Band.of(compared.by_windows, MICROMETRE),
-            difference_in_std=compared.difference_in_std,
-            contradicts=compared.contradicts,
-        )
-
-
-class Inspections(ContractModel):
-    """Inspections that are part of the estimate."""
-
-    depth_by_windows_um: Band = Field(description="combined depth now, without the inspections")
-    k_by_windows_per_n: float | None = Field(description="Archard coefficient K without the inspections [1/N]")
-    windows_wrong_percent: float = Field(
-        description="probability that the windows' depths are off by more than their band says"
-    )
-    contradictions: list[str] = Field(description="one sentence for each inspection that contradicts the windows")
-    compared: list[InspectedDepth]
-
-    @classmethod
-    def of(cls, result: assessment.InspectionResult) -> Inspections:
-        return cls(
-            depth_by_windows_um=Band.of(result.depth_by_windows, MICROMETRE),
-            k_by_windows_per_n=result.coefficient_by_windows,
-            windows_wrong_percent=result.windows_wrong / PERCENT,
-            contradictions=[contradiction(c) for c in result.compared if c.contradicts],
-            compared=[InspectedDepth.of(c) for c in result.compared],
-        )
-
-
-def contradiction(compared: assessment.InspectedDepth) -> str:
-    """One inspection that contradicts the windows, as a sentence."""
-    windows = compared.by_windows
-    flank = "both flanks together" if compared.flank == "combined" else f"the {compared.flank}"
-    median = 0.0 if windows.median is None else windows.median / MICROMETRE
-    high = median if windows.p95 is None else windows.p95 / MICROMETRE
-    return (
-        f"The inspection at {compared.revolutions:,.0f} revolutions ({compared.depth / MICROMETRE:.1f} ± "
-        f"{compared.std / MICROMETRE:.1f} µm on {flank}) contradicts the windows, which give {median:.1f} µm "
-        f"({windows.p05 / MICROMETRE:.1f}–{high:.1f} µm) there: they differ by {abs(compared.difference_in_std):.1f} "
-        "standard deviations. Either an effect that the twin lacks shifts its depths, or the inspection is of another "
-        "tooth, flank or count. Both are kept, and the band covers both."
-    )
-
+from service.contract.base import ContractModel
+from service.contract.overview import is_available
+from service.contract.parts import Band
 
 BY_LEVEL = (
     "the depth of this machine comes from a relation of vibration level and depth: add the inspection to the series "

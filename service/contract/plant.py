@@ -11,11 +11,11 @@ from typing import Any, Literal
 from pydantic import Field
 
 from service.contract.alarms import Alarm, AlarmCount, counted
-from service.contract.base import Band, ContractModel, NotAvailable, not_available
+from service.contract.base import ContractModel, not_available
 from service.contract.finding import Level
-from service.contract.overview import overview
+from service.contract.overview import is_available, overview
+from service.contract.parts import Band, NotAvailable
 from service.contract.status import DataLevel
-from service.contract.trend import is_available
 from service.contract.verdict import Verdict
 
 VERSION = 1
@@ -156,10 +156,7 @@ def plant_service(state: Literal["online", "offline"]) -> dict[str, Any]:
 
 
 def _window(record: Mapping[str, Any]) -> dict[str, Any]:
-    names = ("index", "start_time", "quality", "revolutions", "speed_hz", "torque_nm")
-    shown = {name: record.get(name) for name in names}
-    shown |= {f"{name}_m_s2": record.get(name) for name in ("rms_measured", "rms_predicted")}
-    return shown
+    return {name: record.get(name.removesuffix("_m_s2")) for name in PlantWindow.model_fields}
 
 
 def _depth(whole: Mapping[str, Any], rig: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -180,7 +177,7 @@ def _life(rul: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _band(band: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: band.get(key) for key in ("median", "p05", "p95")}
+    return {key: band.get(key) for key in Band.model_fields}
 
 
 def _preliminary(part: Mapping[str, Any]) -> list[str]:

@@ -10,9 +10,10 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.contract.alarms import AlarmCount
-from service.contract.base import AnswerModel, Band, NotAvailable
+from service.contract.base import AnswerModel
 from service.contract.inspections import Changes
 from service.contract.overview import Kind
+from service.contract.parts import Band, NotAvailable
 from service.contract.status import Status
 
 Flank = Literal["combined", "pinion", "gear"]

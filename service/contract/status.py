@@ -1,6 +1,6 @@
 """`status` and `data`: what a person should know first about a machine, and whether usable data come from it.
 
-Every status, wherever it is shown or acted on, is made by `made_of` from one typed `Basis`. The level is that of the
+Every status, wherever it is shown or acted on, is made by `status_from` one typed `Basis`. The level is that of the
 most severe finding (service/contract/findings.py), the reasons are those of all findings, and the action is that of the
 first. `normal` is said only where there is no finding, and then with what it rests on. Besides what the assessment
 says, the basis holds the window that the verdict rests on (verdict.py), and what the service knows when it is shown:
@@ -19,18 +19,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
 from service.contract.base import ContractModel, iso_time
 from service.contract.finding import NO_ACTION, SEVERITY, Finding, Level, by_severity, sentence, shortened
+from service.contract.findings import findings_of, normal_reason
 from service.contract.verdict import SUBJECT, Verdict
+from twin import assessment
 from twin.attention import STATUS_LIMITS, StatusLimits
 from twin.held_level import HeldLevel, LevelHysteresis
-
-if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
-    from twin import assessment
 
 DataLevel = Literal["waiting", "ok", "degraded", "stale"]
 DATA_LEVELS: tuple[DataLevel, ...] = ("waiting", "ok", "degraded", "stale")
@@ -43,6 +42,8 @@ REPAIR_WORKERS = "Look into the log of the service: what has been received is ke
 MOST_BEHIND = 3  # machines that are named
 REPAIR = "Free space, repair the disk, or start the database server: what has been received is kept meanwhile."
 CHECK = "Check the data before the machine is judged"
+ANSWER = "Answer the open question: windows wait for it."
+HIDDEN = ("rig", "settings")  # what the service keeps with a question for itself
 
 
 class Since(ContractModel):
@@ -103,6 +104,27 @@ class Added(ContractModel):
     since: str | None = None  # ISO 8601
 
 
+class Question(ContractModel):
+    """A question that only people can answer. While it is open, the asset is never `normal`."""
+
+    kind: Literal["count_fell", "gears_differ", "frames_repeat"]
+    text: str
+    detail: str = Field(description="what raised it")
+    since: str = Field(description="ISO 8601, by the stream's clock")
+    answers: list[str] = Field(description="kinds of change that answer it (`POST /v1/assets/{asset}/changes`)")
+    waiting: int = Field(description="windows that are kept until it is answered, and processed then")
+    left_out: int | None = Field(default=None, description="windows for which there was no room to wait")
+    differences: list[str] | None = Field(default=None, description="of the rig files")
+
+
+class Retired(ContractModel):
+    """An asset that is out of use."""
+
+    since: str
+    by: str | None = None
+    note: str | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Basis:
     """All that a status is made of."""
@@ -112,7 +134,7 @@ class Basis:
     verdict: Verdict | None = None  # the window that the findings rest on; None where they rest on none
 
 
-def made_of(basis: Basis) -> Status:
+def status_from(basis: Basis) -> Status:
     """The status: the one function that makes levels, reasons and actions."""
     old = None if basis.verdict is None else basis.verdict.finding()
     ordered = _ordered(basis.findings if old is None else (*basis.findings, old))
@@ -153,7 +175,7 @@ def _ordered(findings: Iterable[Finding]) -> list[Finding]:
 
 def status_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Status:
     """The status that an assessment alone gives, without `since` and without the levels of earlier windows."""
-    return made_of(basis_of(found, limits))
+    return status_from(basis_of(found, limits))
 
 
 def status_after(
@@ -166,13 +188,13 @@ def status_after(
     verdict = found.verdict
     at = 0 if verdict is None else verdict.latest_ns
     if rank >= was or found.window is None:
-        return made_of(basis), level_held(top, at)
+        return status_from(basis), level_held(top, at)
     counts = verdict is None or verdict.index is None or not verdict.since
     held = replace(held, lower=held.lower + counts)
     if held.lower >= HYSTERESIS.windows:
-        return made_of(basis), level_held(top, at)
+        return status_from(basis), level_held(top, at)
     kept = tuple(f for f in basis.findings if f.subject != held.subject)
-    return made_of(replace(basis, findings=(_still(held), *kept))), held
+    return status_from(replace(basis, findings=(_still(held), *kept))), held
 
 
 def level_held(top: Finding | None, time_ns: int) -> HeldLevel:
@@ -196,8 +218,6 @@ def _still(held: HeldLevel) -> Finding:
 
 def basis_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS) -> Basis:
     """What an assessment gives for a status."""
-    from service.contract.findings import findings_of, normal_reason  # loads the types of the twin
-
     return Basis(
         findings=tuple(findings_of(found, limits)),
         normal=normal_reason(found),
@@ -208,7 +228,7 @@ def basis_of(found: assessment.Assessment, limits: StatusLimits = STATUS_LIMITS)
 def without_verdict(reason: str, action: str) -> dict[str, Any]:
     """A status that gives no verdict, for one reason, as JSON data."""
     finding = Finding(subject="data", level="no_verdict", reason=sentence(reason), action=action)
-    return made_of(Basis(findings=(finding,))).as_json()
+    return status_from(Basis(findings=(finding,))).as_json()
 
 
 def none_yet(reason: str, backlog: Backlog | None = None) -> dict[str, Any]:
@@ -326,13 +346,27 @@ def not_stored(unstored: tuple[str, str] | None) -> tuple[Added, ...]:
     return (Added(finding=Finding(subject="storage", level="no_verdict", reason=text, action=REPAIR), since=since),)
 
 
+def asked(question: Mapping[str, Any] | None) -> tuple[Added, ...]:
+    """The finding that an open question is: nothing is `normal` until it is answered."""
+    if question is None:
+        return ()
+    reason = f"{question['text']} {question['detail']}"
+    finding = Finding(subject="question", level="no_verdict", reason=reason, action=ANSWER)
+    return (Added(finding=finding, since=question["since"]),)
+
+
+def shown_question(question: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The question as it is shown."""
+    return None if question is None else {k: v for k, v in question.items() if k not in HIDDEN}
+
+
 def _with(status: Mapping[str, Any], added: Sequence[Added], records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     stored, before = status.get("verdict"), status["level"]
     verdict = None if stored is None else Verdict.model_validate(stored).with_records(records)
     own = tuple(f for f in map(Finding.model_validate, status["findings"]) if f.subject != SUBJECT)
     normal = status["reasons"][0] if before == "normal" and status["reasons"] else NORMAL_REASON
     basis = Basis(findings=(*own, *(a.finding for a in added)), normal=normal, verdict=verdict)
-    now = made_of(basis).as_json()
+    now = status_from(basis).as_json()
     since = status.get("since")
     if now["level"] != before:
         began = next((a.since for a in added if a.finding.level == now["level"]), None)

@@ -9,42 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pydantic import Field
-
-from service.contract.base import ContractModel, iso_time, spoken_time
+from service.contract.base import spoken_time
 from service.contract.finding import Finding, cause, sentence
-from twin.verdict_age import NS, outdated
-
-if TYPE_CHECKING:  # a start of the service loads no part of the twin that computes
-    from twin.assessment import VerdictWindow
+from service.contract.shape import Made, made_of
+from twin import assessment
+from twin.verdict_age import outdated
 
 SUBJECT = "verdict"
 ACTION = "Record a window under the load, direction and steady speed of those that were assessed."
 
 
-class Verdict(ContractModel):
+@made_of(assessment.VerdictWindow)
+class Verdict(Made):
     """The window that the verdict rests on."""
-
-    window: int | None = Field(description="index of the latest assessed window; null where none has been assessed")
-    start_time: str | None = Field(description="its start, ISO 8601")
-    age_s: float | None = Field(description="from its start to that of the latest window")
-    usual_s: float | None = Field(description="usual time between assessed windows of this machine")
-    not_assessed: int = Field(description="windows since, none of which was assessed")
-    reason: str | None = Field(default=None, description="why the latest of them was not")
-
-    @classmethod
-    def of(cls, found: VerdictWindow) -> Verdict:
-        start = found.start_time_ns
-        return cls(
-            window=found.index,
-            start_time=None if start is None else iso_time(start),
-            age_s=None if start is None else max(found.latest_ns - start, 0) / NS,
-            usual_s=found.usual,
-            not_assessed=found.since,
-            reason=found.reason or None,
-        )
 
     def with_records(self, records: Sequence[Mapping[str, Any]]) -> Verdict:
         """The same as of the latest of the window records, which may be refused or wait unseen by the twin."""

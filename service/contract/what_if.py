@@ -6,8 +6,8 @@ from datetime import datetime
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from service.contract.base import Band, ContractModel, NotAvailable
-from service.contract.wear import Preliminary
+from service.contract.base import ContractModel
+from service.contract.parts import Band, NotAvailable, Preliminary
 
 LONGEST = 1e7  # hours asked for, some thousand years
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from math import inf
 from typing import Any
 
-from service.contract.base import HOUR, MICROMETRE, Band, NotAvailable, in_unit, iso_time
-from service.contract.wear import preliminary_of
+from service.contract.base import in_unit, iso_time
+from service.contract.parts import Band, NotAvailable, Preliminary
 from service.contract.what_if import (
     DateBand,
     DutyDistribution,
@@ -19,6 +19,7 @@ from service.contract.what_if import (
     WhatIfIn,
 )
 from twin.assessment import Life, Unavailable
+from twin.assessment.key import HOUR, MICROMETRE
 from twin.errors import NotAvailable as Missing
 from twin.errors import ParameterError
 from twin.rig import Rig
@@ -38,7 +39,7 @@ def answer(asset: str, rig: Rig, state: State, asked: WhatIfIn) -> dict[str, Any
     limit = None if asked.max_depth_um is None else asked.max_depth_um * MICROMETRE
     found = what_if(rig, state, _phases(asked, life, clock), None if target is None else target * HOUR, limit)
     hours, revolutions = (
-        Band(median=q[0.5], p05=q[0.05], p95=q[0.95])
+        Band.model_validate({"median": q[0.5], "p05": q[0.05], "p95": q[0.95]})
         for q in (
             {p: in_unit(time, HOUR) for p, time, _ in found.quantiles},
             {p: turned for p, _, turned in found.quantiles},
@@ -62,7 +63,7 @@ def answer(asset: str, rig: Rig, state: State, asked: WhatIfIn) -> dict[str, Any
         survival=_survival(found),
         target=None if target is None else _target(found, target, asked.until, clock),
         present_hours=Band.of(life.time, HOUR),
-        preliminary=preliminary_of(found.preliminary),
+        preliminary=None if found.preliminary is None else Preliminary.of(found.preliminary),
         notes=list(found.notes),
         reason=found.reason,
     ).as_json()
@@ -82,7 +83,7 @@ class _Clock:
         self.running: RunningTime | NotAvailable = (
             RunningTime(hours_per_day=HOURS_A_DAY * self._share, source=source)
             if self._share
-            else NotAvailable(status="not available", reason=self._missing)
+            else NotAvailable.of(Unavailable(reason=self._missing))
         )
 
     def running_hours(self, date: datetime, name: str) -> float:

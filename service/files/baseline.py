@@ -20,10 +20,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from service.contract.base import not_available
-from service.contract.baseline import Baseline as BaselineModel
-from service.contract.baseline import BaselineWindow, UnattributedLines, UnattributedSearch
-from service.contract.effects import Effect, Residual, Unexplained
-from service.contract.modulation import Modulation
+from service.contract.parts import json_of
 from service.errors import InputError
 from service.files.recorded_rig import choose_asset, rig_of
 from service.files.rig import assembly_for, checked_rig, window_of_rig
@@ -196,21 +193,21 @@ def compared(
 def answer(loaded: Loaded, baseline: Baseline, found: BaselineResult) -> dict[str, Any]:
     """The answer in the names of the contract."""
     missing, search = not_available(NO_DEPTH), found.unattributed_search
-    sought = None if search is None else UnattributedSearch.of(search).as_json()
+    sought = None if search is None else json_of(search)
     return plain(
         {
             "asset": loaded.asset,
-            "baseline": BaselineModel.of(described(baseline, raw=found.raw_limit)).as_json(),
-            "windows": [BaselineWindow.of(window).as_json() for window in found.windows],
+            "baseline": json_of(described(baseline, raw=found.raw_limit)),
+            "windows": [json_of(window) for window in found.windows],
             "refused": loaded.refused,
             "wear": missing,
             "rul": missing,
-            "residual": Residual.of(found.residual).as_json(),
-            "effects": [Effect.of(effect).as_json() for effect in found.effects],
-            "unexplained": Unexplained.of(found.unexplained).as_json(),
-            "unattributed_lines": [UnattributedLines.of(lines).as_json() for lines in found.unattributed_lines],
+            "residual": json_of(found.residual),
+            "effects": [json_of(effect) for effect in found.effects],
+            "unexplained": json_of(found.unexplained),
+            "unattributed_lines": [json_of(lines) for lines in found.unattributed_lines],
             "unattributed_search": sought,
-            "modulation": [Modulation.of(one).as_json() for one in modulation_of(loaded, baseline)],
+            "modulation": [json_of(one) for one in modulation_of(loaded, baseline)],
         }
     )
 
@@ -228,7 +225,7 @@ def modulation_of(loaded: Loaded, baseline: Baseline) -> tuple[assessment.Modula
 def lines_of_no_shaft(loaded: Loaded) -> list[dict[str, Any]]:
     """Spacings of lines that neither gear makes."""
     found = unattributed_lines(loaded.windows, pair_shafts(loaded.rig), ("pinion", "gear"))
-    return [UnattributedLines.of(lines).as_json() for lines in found]
+    return [json_of(lines) for lines in found]
 
 
 def energy_of(

@@ -16,8 +16,7 @@ from service.contract.alarms import added_of, counted
 from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.overview import overview
-from service.contract.question import asked
-from service.contract.status import Backlog, none_yet, not_stored
+from service.contract.status import Backlog, asked, none_yet, not_stored
 from service.results.asset_changes import AssetChanges
 from service.results.sparkline import REFUSED, Sparkline
 from service.results.sql_store import SqlStore

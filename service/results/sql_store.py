@@ -15,7 +15,7 @@ from typing import Any
 
 from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, or_, select, update
 
-from service.contract.trend import figures
+from service.contract.overview import figures
 from service.errors import DamageError, StorageUnavailable
 from service.json_text import plain
 from service.results import fault_totals

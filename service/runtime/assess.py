@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from service.contract.answer import assemble
-from service.contract.rig import RigSummary
+from service.contract.answer import RigSummary, assemble
 from service.errors import FrameError, InputError
 from service.files.recorded_rig import Source, choose_asset, rig_of
 from service.runtime.outcomes import WindowOutcome

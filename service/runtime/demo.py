@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from service.contract.trend import is_available
+from service.contract.overview import is_available
 from service.errors import DeliveryError, InputError
 from service.runtime import SERVES
 from service.runtime.reception import assembly_settings

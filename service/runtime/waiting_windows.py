@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from service.contract.question import shown_question
+from service.contract.status import shown_question
 from service.results.board import Board
 from service.results.sql_store import SqlStore
 from service.results.status_events import status_events

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from service.contract.base import iso_time
-from service.contract.slow_channels import slow_channels
 from service.contract.status import with_status_since
-from service.contract.window import refused_record
+from service.contract.window import refused_record, slow_channels
 from service.runtime.computing import Made
 from service.runtime.lane import Entry, Lane
 from service.runtime.outcomes import WindowOutcome

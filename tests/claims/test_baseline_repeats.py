@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from service.cli.baseline_report import learned_text, text
-from service.contract.baseline import Baseline as Contract
+from service.contract.parts import Baseline as Contract
 from service.files.baseline import Loaded, answer, load, modulation_of, read_baseline, save
 from service.stream.sources.mcap import read_windows
 from tests.claims.healthy_machines import Machine

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.cli.baseline_report import learned_text
-from service.contract.baseline import Baseline
+from service.contract.parts import Baseline
 from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.comparison import described
 from twin.baseline.diagnosis import diagnose

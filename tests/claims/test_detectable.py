@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from service.cli.answer import could_be_found
-from service.contract.detectable import Detectable
+from service.contract.parts import Detectable
 from tests.unit.test_step import recorded
 from twin import assessment
 from twin.assessment import Unavailable

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.cli.modulation import sentences
-from service.contract.modulation import Modulation
+from service.contract.parts import Modulation
 from service.files.import_recording import import_recording
 from service.stream.sources.mcap import read_windows
 from tests.unit.test_step import minimal_rig

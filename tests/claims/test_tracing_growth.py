@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from service.contract.effects import Growth
+from service.contract.parts import Growth
 from twin.effects import EFFECTS
 from twin.effects.size_law import CONSTANT, SizeLaw, factor_between, scaled
 from twin.serial import from_plain, to_plain

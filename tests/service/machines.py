@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import service_fakes as fakes
 
-from service.contract.encoder_pair import EncoderPair
+from service.contract.parts import EncoderPair
 from tests.claims.test_encoder_pair import counted
 from twin.encoder_pair.assessing import assess_pair
 from twin.rig import Rig

@@ -8,7 +8,7 @@ import pytest
 from service.cli import run
 from service.cli.encoder_pair import plots, sentences
 from service.contract.answer import Asset
-from service.contract.encoder_pair import EncoderPair
+from service.contract.parts import EncoderPair
 from service.errors import InputError
 from service.files.import_recording import import_recording
 from service.runtime.assess import assess

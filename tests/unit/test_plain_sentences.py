@@ -10,7 +10,7 @@ import pytest
 from service.cli.assets import change_line
 from service.cli.diagnosis import verdict
 from service.contract import effect_findings
-from service.contract.effects import Effect
+from service.contract.parts import Effect
 from service.contract.status import data_of, status_of
 from service.report.findings import findings as report_findings
 from tests.estimated_machines import rig_of

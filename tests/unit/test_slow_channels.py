@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from streams import ASSET, T0, bursts, content, unbroken
 
-from service.contract.slow_channels import slow_channels
+from service.contract.window import slow_channels
 from service.errors import FrameError
 from service.stream.assembly import Assembler, AssemblySettings
 from service.stream.frames import NS, SampleFrame

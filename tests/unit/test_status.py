@@ -20,10 +20,13 @@ from twin.assessment import (
     MethodEstimates,
     ModelValidity,
     PairCurve,
+    PairRemainder,
+    PairSpeed,
     PairSpeeds,
     ParameterValue,
     Preliminary,
     StatedRatio,
+    Turns,
     Unavailable,
     Unexplained,
     Wear,
@@ -62,8 +65,9 @@ def pair(contradicted):
     stated = StatedRatio(ratio=2.7, source="the rig file", deviations=9.0, contradicted=contradicted)
     ratio = ParameterValue(value=2.5, unit="", std=1e-4)
     return EncoderPair(
-        window=0, ratio=ratio, tooth_counts=(), stated=stated, turns=(5.0, 2.0), speed_mean=1.0, speed_highest=1.0,
-        run_out=(), base_radii=None, rest_before=0.0, rest_after=0.0, missed_counts=(), sharp_steps=(),
+        window=0, ratio=ratio, tooth_counts=(), stated=stated, turns=Turns(pinion=5.0, gear=2.0),
+        pinion_speed=PairSpeed(mean=1.0, highest=1.0), run_out=(), base_radii=None,
+        rest=PairRemainder(before=0.0, after=0.0), missed_counts=(), sharp_steps=(),
         transmission_error=PairCurve(pinion_turns=(), before=(), after=()),
         speed=PairSpeeds(time=(), pinion=(), gear=()),
     )  # fmt: skip

@@ -2,13 +2,14 @@
 
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
+from typing import get_type_hints
 
 import numpy as np
 import pytest
 
 from service.contract.answer import report_of
+from service.contract.parts import Wear as WearJson
 from service.contract.status import status_of
-from service.contract.wear import Wear as WearJson
 from tests.unit.test_status import HEALTHY, effect, life, pair, wear
 from twin import assessment
 from twin.assessment import (
@@ -145,7 +146,8 @@ OTHERS = {  # that tell how something was found, and nothing of the machine
 
 def test_every_flag_of_an_assessment_calls_something_new_in_the_status_too_or_says_nothing_of_the_machine():
     kinds = [kind for kind in vars(assessment).values() if is_dataclass(kind)]
-    flags = {f"{kind.__name__}.{f.name}" for kind in kinds for f in fields(kind) if str(f.type).startswith("bool")}
+    types = {f"{kind.__name__}.{f.name}": get_type_hints(kind)[f.name] for kind in kinds for f in fields(kind)}
+    flags = {name for name, type_ in types.items() if type_ in (bool, bool | None)}
     assert flags == JUDGED | OTHERS
 
 

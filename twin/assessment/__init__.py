@@ -1,10 +1,10 @@
-"""What the twin says of a machine after a window: frozen data in SI, without the names or units of any interface.
+"""What the twin says of a machine after a window: frozen data in SI, with the key that shows each field.
 
     state, assessment = step(rig, state, window, options)
 
 Lengths are in metres, times in seconds, angles in radians, errors and shares as fractions of one. A quantity that
 cannot be given is `Unavailable` with its reason, or None where the reason is given elsewhere in the same record.
-`service/contract/` turns an assessment into the names and units of the interface contract.
+What JSON shows of it, each field declares with its type (`key.py`); `service/contract/shape.py` makes the JSON.
 
 This package imports nothing of the twin, so that every part of it may return these types.
 """
@@ -12,11 +12,13 @@ This package imports nothing of the twin, so that every part of it may return th
 from twin.assessment.attribution import (
     Attribution,
     CalibrationAssessment,
+    Candidate,
     DepthPair,
     EffectEvent,
     HeldOutBand,
     HeldOutLine,
     HeldOutResidual,
+    SkippedWindow,
 )
 from twin.assessment.baseline import (
     BaselineAssessment,
@@ -27,6 +29,7 @@ from twin.assessment.baseline import (
     LineSideband,
     NotJudged,
     PossibleCause,
+    Range,
     RawLimit,
     RawMeasure,
     SidebandLimit,
@@ -52,10 +55,13 @@ from twin.assessment.encoder_pair import (
     EncoderPair,
     MissedCount,
     PairCurve,
+    PairRemainder,
+    PairSpeed,
     PairSpeeds,
     RunOut,
     SharpStep,
     StatedRatio,
+    Turns,
 )
 from twin.assessment.indicators import GearIndicators, SensorIndicators
 from twin.assessment.mistake import Mistake
@@ -81,85 +87,3 @@ from twin.assessment.wear import (
 )
 from twin.assessment.whole import Assessment, CountEvent, Event, LifeEvent, UpdateEvent, WindowEvent
 from twin.assessment.window import FusedEstimate, MethodEstimates, RmsEstimate, WindowAssessment
-
-__all__ = [
-    "FLANKS",
-    "Assessment",
-    "Attribution",
-    "BaseRadii",
-    "BaselineAssessment",
-    "BaselineSufficiency",
-    "BaselineWindow",
-    "CalibrationAssessment",
-    "ChannelErrors",
-    "Compared",
-    "CountEvent",
-    "DepthPair",
-    "Detectable",
-    "EffectAssessment",
-    "EffectEvent",
-    "EncoderPair",
-    "EstablishedBefore",
-    "Event",
-    "Evidence",
-    "FalseAlarms",
-    "FlankProfile",
-    "FusedEstimate",
-    "GearIndicators",
-    "Growth",
-    "HarmonicBand",
-    "HealthyErrors",
-    "HeldOutBand",
-    "HeldOutErrors",
-    "HeldOutLine",
-    "HeldOutResidual",
-    "InspectedDepth",
-    "InspectionResult",
-    "Interval",
-    "LeftOut",
-    "LevelExcess",
-    "LevelReading",
-    "LevelWear",
-    "Life",
-    "LifeDate",
-    "LifeEvent",
-    "LineSideband",
-    "MethodEstimates",
-    "MissedCount",
-    "Mistake",
-    "ModelValidity",
-    "Modulation",
-    "MovedLines",
-    "NotJudged",
-    "PairCurve",
-    "PairSpeeds",
-    "ParameterValue",
-    "PossibleCause",
-    "Preliminary",
-    "RateChange",
-    "RawLimit",
-    "RawMeasure",
-    "RelationOrigin",
-    "Residual",
-    "RmsEstimate",
-    "RunOut",
-    "SensorIndicators",
-    "SharpStep",
-    "SidebandLimit",
-    "SidebandPair",
-    "SmallestSize",
-    "SpectralLine",
-    "SpectrumExcerpt",
-    "StatedRatio",
-    "UnattributedLines",
-    "UnattributedSearch",
-    "Unavailable",
-    "Unexplained",
-    "UpdateEvent",
-    "VerdictWindow",
-    "Wear",
-    "WearGrowth",
-    "WearProfile",
-    "WindowAssessment",
-    "WindowEvent",
-]

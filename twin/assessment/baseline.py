@@ -4,6 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
+
+from twin.assessment.key import DEFAULT, GIVEN, OPTIONAL, PERCENT, Key
+
+_given = partial(Key, shown=GIVEN)
+_or_null = partial(Key, null=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """Lowest and highest value of one axis of the operating points."""
+
+    low: Annotated[float, _or_null("from")]
+    high: Annotated[float, _or_null("to")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -13,37 +28,39 @@ class BaselineWindow:
     index: int
     name: str
     start_time_ns: int
-    speed: float  # [Hz]
-    speed_std: float | None  # [Hz]
-    speed_source: str
-    torque: float | None  # [N·m]
-    between: tuple[str, ...]  # recordings of the baseline that it was compared with
+    speed: Annotated[float, _or_null("speed_hz")]
+    speed_std: Annotated[float | None, Key("speed_std_hz")]
+    speed_source: Annotated[str, Key("speed_from")]
+    torque: Annotated[float | None, Key("torque_nm")]
+    between: Annotated[tuple[str, ...], Key(meaning="recordings of the baseline that it was compared with")]
     interpolated: bool
     pattern_correlation: float | None
-    same_teeth: bool
-    pattern_compared: bool = True  # False where the healthy recordings do not repeat their tooth pattern
+    same_teeth: Annotated[bool, Key(meaning="true where the tooth pattern is not compared, too")]
+    pattern_compared: Annotated[
+        bool, Key(meaning="whether healthy recordings repeat their tooth pattern", shown=DEFAULT)
+    ] = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawMeasure:
-    """Raw RMS or kurtosis of one accelerometer beside its limits."""
+    """Raw RMS or kurtosis of one accelerometer with its limits."""
 
     channel: str
-    name: str  # rms [unit of the channel] or kurtosis
-    value: float  # median of the windows
-    low: float
-    high: float
+    name: Annotated[str, Key(meaning="rms, in the channel's unit, or kurtosis (3 for Gaussian noise)")]
+    value: Annotated[float, _or_null(meaning="median of the windows")]
+    low: Annotated[float, _or_null("from")]
+    high: Annotated[float, _or_null("to")]
     beyond: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawLimit:
-    """Raw RMS and kurtosis of a recording beside the limits that healthy recordings give."""
+    """A limit on raw RMS and kurtosis, given with the verdict."""
 
+    decides_alone: Annotated[bool, Key(meaning="whether nothing else has called the recording changed")] = False
+    false_alarms: Annotated[float, Key("false_alarms_percent", PERCENT, "that the limit is set for")]
+    not_compared: Annotated[str, _or_null(meaning="why there is no limit")] = ""
     measures: tuple[RawMeasure, ...]
-    false_alarms: float  # that are meant, of healthy recordings
-    not_compared: str = ""  # why there is no limit
-    decides_alone: bool = False  # whether nothing else has called the recording changed
 
     @property
     def exceeded(self) -> tuple[RawMeasure, ...]:
@@ -53,28 +70,34 @@ class RawLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compared:
-    """One kind of comparison with a baseline, and by how much its limits are raised."""
+    """One kind of comparison with the baseline."""
 
     what: str
-    channel: str  # "" for all together
-    factor: float | None  # of the limits; None where it is not compared
-    reason: str = ""
+    channel: Annotated[str, _or_null(meaning="null for all together")]
+    factor: Annotated[
+        float | None,
+        Key(
+            "limit_factor",
+            meaning="by how much healthy recordings left out have raised its limits; null where it is not compared",
+        ),
+    ]
+    reason: Annotated[str, _or_null(meaning="why it is not compared")] = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOut:
     """What leaving each healthy recording out in turn has shown."""
 
-    recordings: int  # left out; 0: too few
-    false_alarms: int  # of these
-    raw_false_alarms: int  # of these, of the limit on raw RMS and kurtosis alone
-    meant: float  # share of false alarms that limits are set for
+    recordings: Annotated[int, Key(meaning="left out in turn, or parts of them; 0 where there are too few")]
+    false_alarms: Annotated[int, Key(meaning="of these, called changed by limits of the others alone")]
+    raw_false_alarms: Annotated[int, Key(meaning="of these, beyond the limit on raw RMS and kurtosis")]
+    meant: Annotated[float, Key("meant_percent", PERCENT, "false alarms that are meant of a verdict")]
     compared: tuple[Compared, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotJudged:
-    """A kind of change that a baseline does not suffice to judge yet."""
+    """A kind of change that cannot be judged with the baseline yet."""
 
     what: str
     reason: str
@@ -85,29 +108,34 @@ class BaselineSufficiency:
     """What a healthy baseline suffices for."""
 
     recordings: int
-    recordings_needed: int  # to judge single teeth
-    load: tuple[float, float] | None  # least and largest, over the rated one; None where it is not known
-    not_judged: tuple[NotJudged, ...]
-    windows: int = 0
-    days: int = 0
-    loads: int = 0
+    recordings_needed: Annotated[int, Key(meaning="to judge single teeth")]
+    load: Annotated[
+        tuple[float, float] | None,
+        Key("load_percent", PERCENT, "least and largest load learned, of the rated one; null where it is not known"),
+    ]
+    not_judged: Annotated[tuple[NotJudged, ...], Key(meaning="empty where the baseline suffices")]
+    windows: Annotated[int, Key(meaning="those of one source, day and load are one recording", shown=OPTIONAL)] = 0
+    days: Annotated[int, Key(shown=OPTIONAL)] = 0
+    loads: Annotated[int, Key(meaning="operating points apart from one another", shown=OPTIONAL)] = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaselineAssessment:
-    """What a healthy baseline was learned from, and the window compared with it."""
+    """What a healthy baseline was learned from, and the window that was compared with it."""
 
     recordings: tuple[str, ...]
-    operating_points: Mapping[str, tuple[float, float]]  # axis → lowest and highest, SI
-    shafts: tuple[float, ...]  # orders of the pinion
+    operating_points: Mapping[str, Range]  # by axis, SI
+    shafts: Annotated[tuple[float, ...], Key(meaning="orders of the pinion")]
     channels: tuple[str, ...]
-    window: BaselineWindow | None = None
-    left_out: LeftOut | None = None
-    raw_limit: RawLimit | None = None  # of the window or recording that was compared
-    not_learned: tuple[str, ...] = ()  # channels of recordings that could not be used, and copies
-    sufficiency: BaselineSufficiency | None = None
-    days: int = 0  # on which the windows were recorded
-    loads: int = 0  # operating conditions at which they were
+    days: Annotated[int, Key(meaning="on which the windows were recorded, UTC", shown=OPTIONAL)] = 0
+    loads: Annotated[int, Key(meaning="operating conditions at which they were", shown=OPTIONAL)] = 0
+    window: Annotated[BaselineWindow | None, _given()] = None
+    sufficiency: Annotated[BaselineSufficiency | None, _given()] = None
+    left_out: Annotated[LeftOut | None, _given(meaning="what is compared, what not, and false alarms")] = None
+    raw_limit: Annotated[RawLimit | None, _given(meaning="of the window or recording that was compared")] = None
+    not_learned: Annotated[
+        tuple[str, ...], Key(meaning="recordings' channels left out, and copies", shown=DEFAULT)
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,8 +145,8 @@ class LineSideband:
     channel: str
     harmonic: int  # 0: the multiples themselves
     multiple: int
-    amplitude: float  # peak [m/s²]
-    depth: float | None  # relative to the mesh line; None for harmonic 0
+    amplitude: Annotated[float, _or_null(meaning="peak [m/s²]")]
+    depth: Annotated[float | None, Key(meaning="relative to the mesh line")]  # None for harmonic 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,9 +155,9 @@ class SpectrumExcerpt:
 
     channel: str
     harmonic: int
-    start: float  # [Hz]
-    step: float  # [Hz]
-    amplitude: tuple[float, ...]  # peak (n,) [m/s²]
+    start: Annotated[float, Key("from_hz")]
+    step: Annotated[float, Key("step_hz")]
+    amplitude: Annotated[tuple[float, ...], _or_null(meaning="peak [m/s²]")]  # (n,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,37 +174,45 @@ class UnattributedLines:
     """A spacing of lines that no known shaft makes."""
 
     window: str
-    order: float  # of pinion rotation
-    order_std: float
-    frequency: float  # [Hz]
-    frequency_std: float  # [Hz]
+    order: Annotated[float, _or_null(meaning="of pinion rotation")]
+    order_std: Annotated[float, _or_null()]
+    frequency: Annotated[float, _or_null("frequency_hz")]
+    frequency_std: Annotated[float, _or_null("frequency_std_hz")]
     part: int
-    geared: str | None  # ratio to the pinion, where it is one of small tooth counts
-    clearness: float  # −ln of the probability that the search finds one as clear by chance [nat]
-    next_clearness: float  # the same of the best unrelated spacing
+    geared: Annotated[str | None, Key(meaning="ratio to the pinion, where it is one of small tooth counts")]
+    clearness: Annotated[float, _or_null(meaning="-ln of the probability that the search finds one as clear by chance")]
+    next_clearness: Annotated[float, _or_null(meaning="the same of the best spacing that is not related to this one")]
+    channels: Annotated[
+        tuple[str, ...], Key(meaning="on which both sidebands stand out of their neighbourhood", shown=DEFAULT)
+    ] = ()
+    healthy: Annotated[
+        tuple[str, ...] | None,
+        Key(meaning="healthy recordings that show it, too; null without a baseline", shown=OPTIONAL),
+    ] = None
+    new: Annotated[
+        bool,
+        Key(meaning="false where the healthy recordings show it, or as clear ones of their own", shown=DEFAULT),
+    ] = True
     sidebands: tuple[LineSideband, ...] = ()
     spectrum: tuple[SpectrumExcerpt, ...] = ()
     causes: tuple[PossibleCause, ...] = ()
-    healthy: tuple[str, ...] | None = None  # healthy recordings that show it, too; None without a baseline
-    new: bool = True  # False where healthy recordings show it, or as clear ones of their own
-    channels: tuple[str, ...] = ()  # on which both sidebands stand out of their neighbourhood
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SidebandLimit:
-    """The amplitude of which half of the pairs of sidebands at one mesh harmonic alone are found in one channel."""
+    """The amplitude of which half of the sidebands at one mesh harmonic alone are found in one channel."""
 
     channel: str
     harmonic: int
-    amplitude: float  # peak, of the weaker side [unit of the channel]
+    amplitude: Annotated[float, _or_null(meaning="peak of the weaker side, in the channel's unit")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnattributedSearch:
-    """What lines of no known shaft were sought in a window, and from which size they would have been found."""
+    """What lines of no known shaft were searched for in a window: pairs of sidebands about mesh harmonics."""
 
     window: str
-    smallest: float  # distance from a mesh line [Hz]
-    largest: float  # [Hz]
-    found: int  # spacings
-    limits: tuple[SidebandLimit, ...]
+    smallest: Annotated[float, _or_null("from_hz", meaning="smallest distance from a mesh line")]
+    largest: Annotated[float, _or_null("to_hz", meaning="largest distance from a mesh line")]
+    found: Annotated[int, Key(meaning="spacings")]
+    limits: Annotated[tuple[SidebandLimit, ...], Key("detection_limits")]

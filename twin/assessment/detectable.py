@@ -3,36 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from twin.assessment.key import HIDDEN, Key
 from twin.assessment.values import Unavailable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmallestSize:
-    """The smallest size of one effect that the windows so far would have shown."""
+    """The smallest size of an effect of the alarm class that the windows so far would have shown."""
 
-    name: str
-    parameter: str  # what the size is of
+    name: Annotated[str, Key(meaning="of the effect")]
+    parameter: Annotated[str, Key(meaning="what the size is of")]
     unit: str  # SI, "" for a pure number
-    value: float | None  # None where no size would have been found
-    basis: str  # what the figure rests on, or why there is none
-    hidden: bool = False  # whether its channels were compared, and yet change too much to show any size
+    value: Annotated[float | None, Key(meaning="null where no size would have been found")]
+    basis: Annotated[str, Key(meaning="what the figure rests on, or why there is none")]
+    hidden: Annotated[bool, HIDDEN] = False  # its channels were compared, and yet change too much to show any size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FalseAlarms:
-    """How many effects healthy machines are expected to be given in a year."""
+    """False alarms to be expected of a healthy machine in a year."""
 
-    rate: float  # of the searches
-    windows: float  # measurement windows in a year, by those so far
-    searches: float  # in the year to come
-    expected: float  # false alarms in the year, at most
+    expected: Annotated[float, Key("per_machine_year", meaning="at most")]
+    rate: Annotated[float, Key(meaning="share of the searches of healthy machines in which an effect may be reported")]
+    searches: Annotated[float, Key("searches_per_year", meaning="in the year to come, at the windows in a year so far")]
+    windows: Annotated[float, Key("windows_per_year")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detectable:
-    """What could have been found where nothing was."""
+    """What could have been found: where nothing was, or where the verdict is `explained`."""
 
-    windows: int  # that were searched
-    sizes: tuple[SmallestSize, ...]  # of each effect of the alarm class
+    windows: Annotated[int, Key(meaning="measurement windows that were searched")]
+    sizes: Annotated[tuple[SmallestSize, ...], Key("effects")]  # of each effect of the alarm class
     false_alarms: FalseAlarms | Unavailable

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from twin.assessment.key import MICROMETRE, MICRORADIAN, MILLIMETRE, Key
 from twin.assessment.values import ParameterValue
 
 
@@ -13,37 +15,72 @@ class StatedRatio:
 
     ratio: float
     source: str
-    deviations: float  # standard deviations between the two
+    deviations: Annotated[float, Key(meaning="standard deviations between the two")]
     contradicted: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Turns:
+    """Turns of either shaft in the window."""
+
+    pinion: float
+    gear: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairSpeed:
+    """Pinion speed [Hz]."""
+
+    mean: Annotated[float, Key(meaning="from the first edge to the last")]
+    highest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunOut:
-    """What comes once, or so many times, a turn of one wheel."""
+    """Run-out of a wheel, or of its encoder's disc: one multiple of a turn."""
 
     shaft: str
     multiple: int
-    amplitude: float  # as an angle of the pinion [rad]
-    std: float  # [rad]
+    amplitude: Annotated[float, Key("amplitude_urad", MICRORADIAN, "as an angle of the pinion")]
+    std: Annotated[float, Key("std_urad", MICRORADIAN)]
+    length: Annotated[
+        float | None, Key("amplitude_um", MICROMETRE, "on the base radius of its wheel; null without base radii")
+    ] = None
+    length_std: Annotated[float | None, Key("std_um", MICROMETRE)] = None
     indistinguishable_from: tuple[str, ...]
-    length: float | None = None  # on the wheel's base radius [m]
-    length_std: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseRadii:
+    """Base radii that angles were converted with."""
+
+    pinion: Annotated[float, Key("pinion_mm", MILLIMETRE)]
+    gear: Annotated[float, Key("gear_mm", MILLIMETRE)]
+    assumed: Annotated[bool, Key(meaning="whether the rig file does not give them")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairRemainder:
+    """RMS of the transmission error before and after run-out is subtracted, as an angle of the pinion."""
+
+    before: float
+    after: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissedCount:
-    """A sharp step that no wheel repeats."""
+    """A count that was missed: a step that neither wheel repeats."""
 
-    time: float  # in the window [s]
+    time: Annotated[float, Key("time_s")]  # in the window
     pinion_turns: float
     counts: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharpStep:
-    """A sharp step that a wheel repeats, or that was passed once only."""
+    """A step that a wheel repeats, or whose angle was passed only once."""
 
-    time: float  # [s]
+    time: Annotated[float, Key("time_s")]
     pinion_turns: float
     counts: float
     shaft: str | None
@@ -54,46 +91,37 @@ class SharpStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairCurve:
-    """Transmission error of a pair over the pinion's turns, before and after run-out is taken out; (n,) each."""
+    """Transmission error over the pinion's turns, before and after run-out is subtracted."""
 
-    pinion_turns: tuple[float, ...]
-    before: tuple[float, ...]  # as an angle of the pinion [rad]
-    after: tuple[float, ...]
+    pinion_turns: Annotated[tuple[float, ...], Key(digits=4)]  # (n,), as all of them
+    before: Annotated[tuple[float, ...], Key("before_urad", MICRORADIAN, digits=1)]
+    after: Annotated[tuple[float, ...], Key("after_urad", MICRORADIAN, digits=1)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairSpeeds:
-    """Speed of either shaft against time; (n,) each."""
+    """Speed of either shaft against time."""
 
-    time: tuple[float, ...]  # [s]
-    pinion: tuple[float, ...]  # [Hz]
-    gear: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BaseRadii:
-    """Base radii that angles were converted to lengths with [m]."""
-
-    pinion: float
-    gear: float
-    assumed: bool  # whether the rig file does not give them
+    time: Annotated[tuple[float, ...], Key("time_s", digits=4)]  # (n,), as all of them
+    pinion: Annotated[tuple[float, ...], Key("pinion_hz", digits=5)]
+    gear: Annotated[tuple[float, ...], Key("gear_hz", digits=5)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderPair:
-    """What two encoders alone say of a pair."""
+    """What two encoders say of a pair: ratio, run-out, missed counts."""
 
-    window: int
-    ratio: ParameterValue  # turns of the pinion for one of the gear
-    tooth_counts: tuple[str, ...]  # gear/pinion, within two standard deviations
+    window: Annotated[int, Key(meaning="index of the window that it is of")]
+    ratio: Annotated[ParameterValue, Key(meaning="turns of the pinion for one of the gear")]
+    tooth_counts: Annotated[
+        tuple[str, ...], Key("teeth_that_fit", meaning="tooth counts gear/pinion within two standard deviations")
+    ]
     stated: StatedRatio | None
-    turns: tuple[float, float]  # covered, of pinion and gear
-    speed_mean: float  # of the pinion [Hz]
-    speed_highest: float  # [Hz]
+    turns: Turns
+    pinion_speed: Annotated[PairSpeed, Key("speed_hz")]
     run_out: tuple[RunOut, ...]
     base_radii: BaseRadii | None
-    rest_before: float  # rms of the transmission error, as an angle of the pinion [rad]
-    rest_after: float  # the same after run-out is taken out [rad]
+    rest: Annotated[PairRemainder, Key("rest_urad", MICRORADIAN)]
     missed_counts: tuple[MissedCount, ...]
     sharp_steps: tuple[SharpStep, ...]
     transmission_error: PairCurve

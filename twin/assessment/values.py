@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from twin.assessment.key import FILLED, PERCENT, Key
 
 FLANKS = ("combined", "pinion", "gear")
 
@@ -18,9 +21,9 @@ class Unavailable:
 class Interval:
     """Median and 5–95 % interval."""
 
-    median: float | None  # None where only a lower bound is known
-    p05: float
-    p95: float | None  # None where no upper bound is known
+    median: Annotated[float | None, Key(meaning="null where only a lower bound is known")]
+    p05: Annotated[float, Key(null=True)]
+    p95: Annotated[float | None, Key(meaning="null where no upper bound is known")]
 
     def scaled(self, factor: float) -> Interval:
         """The interval of `factor` times the quantity."""
@@ -32,16 +35,16 @@ class Interval:
 class ParameterValue:
     """One parameter of an effect."""
 
-    value: float
+    value: Annotated[float, Key(null=True)]
     unit: str  # SI, "" for a pure number
-    std: float
+    std: Annotated[float, Key(null=True)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralLine:
-    """One line that is left."""
+    """One unexplained line."""
 
-    order: float  # of pinion rotation
-    frequency: float  # [Hz]
-    share: float | None  # of the measured energy; None where it was not measured
-    kind: str = ""  # what repeats it, where that is known
+    order: Annotated[float, Key(meaning="of pinion rotation", null=True)]
+    frequency: Annotated[float, Key("frequency_hz", null=True)]
+    share: Annotated[float | None, Key("share_percent", PERCENT, "of the measured energy")]
+    kind: Annotated[str, Key(meaning="what repeats it, where that is known", shown=FILLED)] = ""

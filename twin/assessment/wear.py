@@ -4,26 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
 
+from twin.assessment.key import (
+    DEGREE,
+    GIVEN,
+    HIDDEN,
+    HOUR,
+    ISO_TIME,
+    MICROMETRE,
+    MILLIMETRE,
+    OPTIONAL,
+    PERCENT,
+    Key,
+)
 from twin.assessment.values import Interval, Unavailable
 from twin.assessment.window import MethodEstimates
 from twin.serial import Numbers
 
+_given = partial(Key, shown=GIVEN)
+_also_given = partial(Key, shown=OPTIONAL)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlankProfile:
-    """Depth along one flank; (n,) each."""
+    """Depth along one flank."""
 
-    radius: Numbers  # [m]
-    roll_angle: Numbers  # [rad]
-    depth: Numbers  # [m]
+    radius: Annotated[Numbers, Key("radius_mm", MILLIMETRE)]  # (n,), as all of them
+    roll_angle: Annotated[Numbers, Key("roll_angle_deg", DEGREE)]
+    depth: Annotated[Numbers, Key("depth_um", MICROMETRE)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WearProfile:
-    """Depth of both flanks along the nominal path of contact."""
+    """Depth along both flanks, over the nominal path of contact."""
 
-    path_position: Numbers  # from the pitch point (n,) [m]
+    path_position: Annotated[Numbers, Key("path_position_mm", MILLIMETRE, "from the pitch point")]
     pinion: FlankProfile
     gear: FlankProfile
 
@@ -32,97 +49,127 @@ class WearProfile:
 class ModelValidity:
     """The depths up to which the model holds."""
 
-    contact_loss_from: float | None  # depth from which the teeth lose contact [m]
-    steady_state_to: float  # depth up to which a steady state is known [m]
-    valid: bool  # whether the present depth is below both
+    contact_loss_from: Annotated[
+        float | None, Key("contact_loss_from_um", MICROMETRE, "depth from which the teeth lose contact")
+    ]
+    steady_state_to: Annotated[
+        float, Key("steady_state_to_um", MICROMETRE, "depth up to which a steady state is known", null=True)
+    ]
+    valid: Annotated[bool, Key(meaning="whether the present depth is below both")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstablishedBefore:
     """What earlier windows of the same gears had established."""
 
-    windows: int  # worn windows with an established depth
-    revolutions: float  # of the pinion at the latest of them
-    depth: float  # there [m]
+    windows: Annotated[int, Key(meaning="worn windows with an established depth")]
+    revolutions: Annotated[float, Key(meaning="of the pinion at the latest of them")]
+    depth: Annotated[float, Key("max_depth_um", MICROMETRE, "depth there")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preliminary:
-    """Why a figure is not established yet, and what would make it so."""
+    """Why a figure is not established: its band is wider, and it raises no alarm unless earlier windows support it."""
 
-    reasons: tuple[str, ...]  # one sentence each, with figures
-    remedies: tuple[str, ...]  # measurements that would settle it
-    before: EstablishedBefore | None = None  # where earlier windows support the figure all the same
+    reasons: Annotated[tuple[str, ...], Key(meaning="one sentence each, with figures")]
+    remedies: Annotated[tuple[str, ...], Key(meaning="measurements that would settle it")]
+    before: Annotated[
+        EstablishedBefore | None,
+        _also_given(
+            "established_before",
+            meaning="where earlier windows support the figure, so that it raises alarms all the same",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectedDepth:
-    """A measured depth and what the windows alone say of it."""
+    """A measured depth, and what the windows alone say of it."""
 
     revolutions: float
     flank: str
-    depth: float  # [m]
-    std: float  # of the measurement [m]
-    by_windows: Interval  # of the same flank at the same count [m]
-    difference_in_std: float  # windows less inspection, in joint standard deviations
-    contradicts: bool
+    depth: Annotated[float, Key("max_depth_um", MICROMETRE)]
+    std: Annotated[float, Key("std_um", MICROMETRE, "of the measurement")]
+    by_windows: Annotated[Interval, Key("by_windows_um", MICROMETRE, "of the same flank at the same revolutions")]
+    difference_in_std: Annotated[float, Key(meaning="windows less inspection, in joint standard deviations")]
+    contradicts: Annotated[bool, Key(meaning="whether they differ by more than their uncertainties allow")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionResult:
-    """What inspections were weighed against."""
+    """Inspections that are part of the estimate."""
 
-    depth_by_windows: Interval  # combined, now [m]
-    coefficient_by_windows: float  # K [1/N]
-    windows_wrong: float  # probability that the windows' depths are off by more than they state
+    depth_by_windows: Annotated[
+        Interval, Key("depth_by_windows_um", MICROMETRE, "combined depth now, without the inspections")
+    ]
+    coefficient_by_windows: Annotated[
+        float, Key("k_by_windows_per_n", meaning="Archard coefficient K without the inspections [1/N]", null=True)
+    ]
+    windows_wrong: Annotated[
+        float,
+        Key(
+            "windows_wrong_percent",
+            PERCENT,
+            "probability that the windows' depths are off by more than their band says",
+        ),
+    ]
     compared: tuple[InspectedDepth, ...]  # in the order of their revolutions
-    depth_preliminary: Preliminary | None = None  # as without inspections
-    life_preliminary: Preliminary | None = None
+    depth_preliminary: Annotated[Preliminary | None, HIDDEN] = None  # as without inspections
+    life_preliminary: Annotated[Preliminary | None, HIDDEN] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WearGrowth:
     """What the combined depth has grown by since the first window that measured it."""
 
-    since_revolutions: float  # of the pinion at that window
-    windows: int  # that have measured it
-    depth: Interval  # [m]
-    by_model: Interval | None = None  # depth without regard to what is not known of it, which inspections settle [m]
+    since_revolutions: Annotated[float, Key(meaning="of the pinion at that window")]
+    windows: Annotated[int, Key(meaning="that have measured the depth")]
+    depth: Annotated[Interval, Key("max_depth_um", MICROMETRE, "growth of the combined depth [µm]")]
+    by_model: Annotated[Interval | None, HIDDEN] = None  # without regard to what is not known, and inspections settle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateChange:
-    """A change of the wear rate that is surely larger than its limit."""
+    """A change of the wear rate by more than a factor of three."""
 
-    factor: float  # rate since the change over the rate before
-    revolutions: float  # of the pinion at the change
-    windows: int  # after it
+    factor: Annotated[float, Key(meaning="rate since the change over the rate before")]
+    revolutions: Annotated[float, Key(meaning="of the pinion at the change")]
+    windows: Annotated[int, Key(meaning="after it")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wear:
     """Wear by the model of the machine."""
 
-    wear_coefficient: float  # K [1/N]
-    specific_wear_rate: float  # k [m²/N]
-    dwell_time: float  # of the contact at the rig file's speed [s]
-    dwell_time_speed: float  # that speed [Hz]
-    depth: Mapping[str, Interval]  # largest, by flank: combined, pinion, gear [m]
-    profile: WearProfile | None  # None where only a growth is known
-    method: str  # what set the depth
-    methods: MethodEstimates
-    validity: ModelValidity
-    preliminary: Preliminary | None = None  # None where the depth is established
-    growth: WearGrowth | None = None  # where no window has seen the gears new
-    inspected: InspectionResult | None = None  # where inspections are part of the estimate
-    rate_change: RateChange | None = None  # None where the wear rate has not changed by a large factor
+    wear_coefficient: Annotated[float, Key("k_wear_per_n", meaning="Archard coefficient K [1/N]", null=True)]
+    specific_wear_rate: Annotated[
+        float, Key("specific_wear_rate_m2_per_n", meaning="dimensional coefficient k [m²/N]", null=True)
+    ]
+    depth: Annotated[Mapping[str, Interval], Key("max_depth_um", MICROMETRE)]  # by flank: combined, pinion, gear
+    profile: Annotated[WearProfile | None, Key(meaning="depth along both flanks; null where only a growth is known")]
+    method: Annotated[str, Key(meaning="what set the depth")]
+    dwell_time: Annotated[float, _also_given("dwell_time_s", meaning="of the contact at the rig file's speed")]
+    dwell_time_speed: Annotated[float, _also_given("dwell_time_at_hz", meaning="that speed")]
+    methods: Annotated[MethodEstimates, _also_given(meaning="both methods of updating, side by side")]
+    validity: Annotated[ModelValidity, _also_given()]
+    preliminary: Annotated[Preliminary | None, _also_given(meaning="null where the depth is established")] = None
+    growth: Annotated[
+        WearGrowth | None, _given(meaning="since the first window, where no window has seen the gears new")
+    ] = None
+    inspected: Annotated[
+        InspectionResult | None, _given("inspections", meaning="measured depths that are part of the estimate")
+    ] = None
+    rate_change: Annotated[
+        RateChange | None,
+        _given(meaning="absent where the wear rate has not changed by more than a factor of three"),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelReading:
     """The latest level under one operating condition."""
 
-    level: float  # RMS [m/s²]
+    level: Annotated[float, Key(meaning="RMS [m/s²]", null=True)]
     window: int
 
 
@@ -131,11 +178,11 @@ class RelationOrigin:
     """What a relation of level and depth was learned from."""
 
     asset: str | None
-    curve: str  # what gives the level by depth: the model, or the cases alone
+    curve: Annotated[str, Key(meaning="what gives the level by depth: `model`, or `monotone cubic` through the cases")]
     causes: tuple[str, ...]
     sensor: str | None
-    band: tuple[float, float] | None  # of the level [Hz]
-    note: str | None  # what the relation does not state
+    band: Annotated[tuple[float, float] | None, Key("band_hz", meaning="of the level")]
+    note: Annotated[str | None, Key(meaning="what the relation does not state")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,14 +198,19 @@ class LevelWear:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LifeDate:
-    """When a remaining life ends; None where no bound is known, or it lies further ahead than a date is stated for."""
+    """When the remaining life ends, at a running time per day; null where no bound is known within a hundred years."""
 
-    since_ns: int  # start of the window from which it is counted [Unix ns]
-    running_share: float  # of the time
-    source: str  # of the running share: "rig file" or "observed"
-    median_ns: int | None
-    p05_ns: int | None
-    p95_ns: int | None
+    median_ns: Annotated[int | None, Key("median", ISO_TIME, "ISO 8601, by the recordings' clock")]
+    p05_ns: Annotated[int | None, Key("p05", ISO_TIME)]
+    p95_ns: Annotated[int | None, Key("p95", ISO_TIME)]
+    since_ns: Annotated[int, Key("since", ISO_TIME, "start of the window from which it is counted")]
+    running_share: Annotated[float, HIDDEN]  # of the time
+    source: Annotated[str, Key(meaning="of the running time per day: `rig file` or `observed`")]
+
+    @property
+    def hours_per_day(self) -> Annotated[float, Key(after="since")]:
+        """The running time of a day [h]."""
+        return 24 * self.running_share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,13 +218,13 @@ class Life:
     """Remaining useful life at the present operating condition."""
 
     criterion: str
-    limit: float  # depth at the end of life [m]
+    limit: Annotated[float, Key("max_depth_um", MICROMETRE, "depth at the end of life")]
     reached: bool
     revolutions: Interval  # of the pinion, left
-    time: Interval  # left [s]
-    speed: float  # of the condition [Hz]
-    torque: float  # [N·m]
-    reason: str | None = None  # why only the lower bound of the life is known
-    distribution: tuple[tuple[float, float | None], ...] = ()  # probability, revolutions left at most; None: no bound
-    date: LifeDate | Unavailable | None = None
-    preliminary: Preliminary | None = None  # None where the life is established
+    time: Annotated[Interval, Key("hours", HOUR)]  # left
+    speed: Annotated[float, Key("speed_hz")]  # of the condition
+    torque: Annotated[float, Key("torque_nm")]
+    reason: Annotated[str | None, _also_given(meaning="why only the lower bound is known")] = None
+    distribution: Annotated[tuple[tuple[float, float | None], ...], HIDDEN] = ()  # probability, revolutions at most
+    date: Annotated[LifeDate | Unavailable | None, _given(meaning="when it ends")] = None
+    preliminary: Annotated[Preliminary | None, _also_given(meaning="null where the life is established")] = None

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
 
 from twin.assessment.attribution import Attribution, CalibrationAssessment, EffectEvent
 from twin.assessment.baseline import BaselineAssessment, UnattributedLines, UnattributedSearch
 from twin.assessment.detectable import Detectable
 from twin.assessment.effects import EffectAssessment, Residual, Unexplained
 from twin.assessment.encoder_pair import EncoderPair
+from twin.assessment.key import GIVEN, HIDDEN, Key
 from twin.assessment.modulation import Modulation
 from twin.assessment.values import Unavailable
 from twin.assessment.verdict import LevelExcess, VerdictWindow
@@ -51,6 +54,9 @@ class CountEvent:
 Event = WindowEvent | UpdateEvent | LifeEvent | EffectEvent | CountEvent
 
 
+_given = partial(Key, shown=GIVEN)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assessment:
     """The twin's present answer about one machine.
@@ -58,21 +64,32 @@ class Assessment:
     Parts that the latest window says nothing about are those of the latest window that did.
     """
 
-    window: WindowAssessment | None  # None after a decision
+    window: Annotated[WindowAssessment | None, HIDDEN]  # None after a decision
     wear: Wear | LevelWear | Unavailable
-    life: Life | Unavailable
+    life: Annotated[Life | Unavailable, Key("rul")]
     residual: Residual | Unavailable
     effects: tuple[EffectAssessment, ...]
     unexplained: Unexplained
     calibration: CalibrationAssessment | Unavailable
-    attribution: Attribution | None = None
-    detectable: Detectable | None = None  # where nothing was found, or what is there is explained
-    baseline: BaselineAssessment | None = None
-    encoder_pair: EncoderPair | Unavailable | None = None  # None where the machine has a model, or no two encoders
-    unattributed_lines: tuple[UnattributedLines, ...] | None = None
-    unattributed_search: UnattributedSearch | None = None  # of the latest window; None where they were not sought
-    modulation: tuple[Modulation, ...] | None = None  # of the latest window; None where it was not examined
-    events: tuple[Event, ...] = ()
-    revolutions: float | None = None  # of the pinion so far, where no window is in the answer
-    level_excess: LevelExcess | None = None  # of the latest window
-    verdict: VerdictWindow | None = None  # the window that the verdict rests on; None before the first window
+    detectable: Annotated[
+        Detectable | None,
+        _given(meaning="what could have been found; where nothing was, or the verdict is `explained`"),
+    ] = None
+    attribution: Annotated[Attribution | None, _given("tracing")] = None
+    baseline: Annotated[BaselineAssessment | None, _given()] = None
+    encoder_pair: Annotated[
+        EncoderPair | Unavailable | None,
+        _given("pair", meaning="absent where a model is known, or an encoder is not there"),
+    ] = None
+    unattributed_lines: Annotated[tuple[UnattributedLines, ...] | None, _given()] = None
+    unattributed_search: Annotated[
+        UnattributedSearch | None, _given(meaning="search of the latest window for lines of no known shaft")
+    ] = None
+    modulation: Annotated[
+        tuple[Modulation, ...] | None,
+        _given(meaning="sidebands of the mesh lines, of a machine without a model; the deepest first"),
+    ] = None
+    events: Annotated[tuple[Event, ...], HIDDEN] = ()
+    revolutions: Annotated[float | None, HIDDEN] = None  # of the pinion so far, where no window is in the answer
+    level_excess: Annotated[LevelExcess | None, HIDDEN] = None  # of the latest window
+    verdict: Annotated[VerdictWindow | None, HIDDEN] = None  # the verdict rests on; None before the first window

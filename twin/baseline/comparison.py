@@ -19,6 +19,7 @@ from twin.assessment import (
     HeldOutErrors,
     LineSideband,
     PossibleCause,
+    Range,
     RawLimit,
     Residual,
     SidebandLimit,
@@ -198,7 +199,7 @@ def described(
     """What a baseline was learned from, and the window that was compared with it."""
     return BaselineAssessment(
         recordings=tuple(r.name for r in baseline.readings),
-        operating_points=dict(baseline.range),
+        operating_points={axis: Range(low=low, high=high) for axis, (low, high) in baseline.range.items()},
         shafts=tuple(float(s) for s in baseline.shafts),
         channels=tuple(sorted(baseline.std)),
         window=window,

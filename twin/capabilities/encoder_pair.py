@@ -21,7 +21,7 @@ def assess(context: Context, draft: Draft) -> Draft:
     draft = replace(draft, judged=not draft.state.tracing.stages).with_latest(encoder_pair=pair)
     draft = draft.with_parts(
         encoder_pair=pair,
-        window=replace(draft.record, speed=pair.speed_mean),  # the mean through run-up and stop
+        window=replace(draft.record, speed=pair.pinion_speed.mean),  # the mean through run-up and stop
     )
     if pair.stated is None or not pair.stated.contradicted:
         return draft

@@ -18,11 +18,14 @@ from twin.assessment import (
     EncoderPair,
     MissedCount,
     PairCurve,
+    PairRemainder,
+    PairSpeed,
     PairSpeeds,
     ParameterValue,
     RunOut,
     SharpStep,
     StatedRatio,
+    Turns,
     Unavailable,
 )
 from twin.encoder_pair.motion import PairMotion, pair_motion, ratio_moved
@@ -68,13 +71,11 @@ def assess_pair(rig: Rig, window: Window, index: int) -> EncoderPair | Unavailab
         ratio=ParameterValue(value=motion.ratio, unit="", std=motion.ratio_std),
         tooth_counts=tuple(f"{q.numerator}/{q.denominator}" for q in motion.teeth),
         stated=_stated(rig, radii, motion),
-        turns=motion.turns,
-        speed_mean=_mean_speed(edges[0]),
-        speed_highest=max(speed.pinion),
+        turns=Turns(pinion=motion.turns[0], gear=motion.turns[1]),
+        pinion_speed=PairSpeed(mean=_mean_speed(edges[0]), highest=max(speed.pinion)),
         run_out=tuple(_run_out(r, motion.ratio, radii) for r in motion.run_out),
         base_radii=None if radii is None else BaseRadii(pinion=radii[0], gear=radii[1], assumed=False),
-        rest_before=float(motion.before.std()),
-        rest_after=float(motion.after.std()),
+        rest=PairRemainder(before=float(motion.before.std()), after=float(motion.after.std())),
         missed_counts=tuple(
             MissedCount(time=t, pinion_turns=float(np.interp(t, motion.time, turned)), counts=s / per_count)
             for t, s in motion.steps

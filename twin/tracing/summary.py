@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.assessment import Attribution, DepthPair, EffectAssessment, HeldOutErrors
+from twin.assessment import Attribution, Candidate, DepthPair, EffectAssessment, HeldOutErrors, SkippedWindow
 from twin.rig import Rig
 from twin.structure_spread import DRAWN, is_estimated
 from twin.tracing.earned import judged
@@ -75,14 +75,14 @@ def attribution_of(tracing: Tracing) -> Attribution | None:
     latest = tracing.latest
     return Attribution(
         reason=latest.reason,
-        candidates=latest.candidates,
+        candidates=tuple(Candidate(name=name, log_evidence=gain) for name, gain in latest.candidates),
         misfit_before=latest.misfit_before,
         misfit_after=latest.misfit_after,
         other_structure=latest.other_structure,
         held_out=latest.held_out,
         fitted=latest.fitted,
         not_confirmed=tuple(sorted(tracing.refuted)),
-        refused=tuple((name, refusal.reason) for name, refusal in sorted(tracing.refuted.items())),
+        refused={name: refusal.reason for name, refusal in sorted(tracing.refuted.items())},
         rejected=tracing.rejected,
         errors=tracing.error,
         depths=tuple(
@@ -92,6 +92,6 @@ def attribution_of(tracing: Tracing) -> Attribution | None:
         ),
         residual=tracing.residual,
         unknown=tracing.unknown,
-        skipped=latest.skipped,
+        skipped=tuple(SkippedWindow(window=index, reason=reason) for index, reason in latest.skipped),
         log=tracing.log,
     )
