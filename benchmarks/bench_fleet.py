@@ -3,7 +3,7 @@
     python -m benchmarks.bench_fleet [--assets 3] [--rounds 2]
 
 The same windows of the twin itself, wear alone, go through three systems in turn: a plain loop in one process, without
-a store and with SQLite; `gear-twin serve` over SQLite; and `gear-twin fleet` over PostgreSQL, on a cluster of its own.
+a store and with SQLite; `gear-twin serve` over SQLite; and `gear-twin fleet` over PostgreSQL, on a cluster here.
 Service and fleet are given theirs by the same publishers through the same router. One asset of each partition has
 passed the whole campaign before, so that all curves are at hand. Ray's processes, the database's server, and
 publishers with the router are counted apart. Processor times are of whole trees of processes.
@@ -136,7 +136,7 @@ class _Service:
 
     def spent(self) -> dict[str, float]:
         """Processor time by group of processes."""
-        return spent_by(self.pid, _group)
+        return spent_by([self.pid], _group)
 
     def await_windows(self, count: int) -> None:
         """Until so many windows are committed."""
@@ -256,8 +256,8 @@ class Run:
             before = idle()
             time.sleep(IDLE)
             self.idle = {name: value / IDLE for name, value in _since(idle(), before).items()}
-            self.memory = memory_by(plant.pid, group_of)
-            self.service_memory = memory_by(service.pid, _group)
+            self.memory = memory_by(plant.pids, group_of)
+            self.service_memory = memory_by([service.pid], _group)
 
     @contextmanager
     def _counted(
@@ -265,10 +265,10 @@ class Run:
     ) -> Iterator[dict[str, float]]:
         """Counts what is spent inside."""
         own = {"publishers": 0.0}
-        before, before_router, begun = spent(), spent_by(router_pid, _router), time.monotonic()
+        before, before_router, begun = spent(), spent_by([router_pid], _router), time.monotonic()
         yield own
         time.sleep(SETTLE)
-        used = _since(spent(), before) | _since(spent_by(router_pid, _router), before_router)
+        used = _since(spent(), before) | _since(spent_by([router_pid], _router), before_router)
         into.seconds += time.monotonic() - begun
         for name, value in (*used.items(), *own.items()):
             into.spent[name] = into.spent.get(name, 0.0) + value

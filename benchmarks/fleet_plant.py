@@ -141,46 +141,51 @@ def tree(pid: int) -> list[psutil.Process]:
 
 def group_of(process: psutil.Process, top: int) -> str:
     """What a process of a fleet is: `up`, the engine's head or a node of it, a partition, or what computes for one."""
-    if process.pid == top:
-        return "up"
     for ancestor in (process, *process.parents()):
         words = " ".join(ancestor.cmdline())
         if "PartitionActor" in words:
             return "partition" if ancestor.pid == process.pid else "computing"
-        if "--node-name=head" in words:
-            return "head"
-        if ancestor.pid == top:  # what asks the engine for it
-            return "up"
-        if "--node-name=node" in words:
+        if "--node-name=" in words:
+            return "head" if "--node-name=head" in words else "node"
+        if ancestor.pid == top:
             break
-    return "node"
+    return "up"
 
 
-def spent_by(pid: int, group: Callable[[psutil.Process, int], str]) -> dict[str, float]:
-    """Processor time by group; of processes that have ended, with whoever started them."""
+def spent_by(pids: Sequence[int], group: Callable[[psutil.Process, int], str]) -> dict[str, float]:
+    """Processor time by group; of processes that have ended, with whoever started them.
+
+    pids  each with all that it has started
+    """
     found: dict[str, float] = defaultdict(float)
-    for process in tree(pid):
-        with suppress(psutil.Error):
-            times = process.cpu_times()
-            used = times.user + times.system + times.children_user + times.children_system
-            found[group(process, pid)] += used
+    for pid in pids:
+        for process in tree(pid):
+            with suppress(psutil.Error):
+                times = process.cpu_times()
+                used = times.user + times.system + times.children_user + times.children_system
+                found[group(process, pid)] += used
     return dict(found)
 
 
-def memory_by(pid: int, group: Callable[[psutil.Process, int], str]) -> dict[str, tuple[int, int, int]]:
+def memory_by(
+    pids: Sequence[int], group: Callable[[psutil.Process, int], str]
+) -> dict[str, tuple[int, int, int]]:  # fmt: skip
     """By group: number of processes, and their own memory (USS), and with a share of what is shared (PSS) [B]."""
     found: dict[str, tuple[int, int, int]] = {}
-    for process in tree(pid):
-        with suppress(psutil.Error):
-            used, name = process.memory_full_info(), group(process, pid)
-            count, uss, pss = found.get(name, (0, 0, 0))
-            found[name] = (count + 1, uss + used.uss, pss + used.pss)
+    for pid in pids:
+        for process in tree(pid):
+            with suppress(psutil.Error):
+                used, name = process.memory_full_info(), group(process, pid)
+                count, uss, pss = found.get(name, (0, 0, 0))
+                found[name] = (count + 1, uss + used.uss, pss + used.pss)
     return found
 
 
-def program(*arguments: str, said: Path, **settings: str) -> subprocess.Popen[bytes]:
+def program(
+    *arguments: str, said: Path, environment: Mapping[str, str] | None = None, **settings: str
+) -> subprocess.Popen[bytes]:  # fmt: skip
     """A program of this interpreter, with settings of the service."""
-    environment = os.environ | {f"GEAR_TWIN_{name}": value for name, value in settings.items()}
+    environment = {**os.environ, **(environment or {}), **{f"GEAR_TWIN_{n}": value for n, value in settings.items()}}
     environment |= {"PYTHONPATH": os.pathsep.join([str(ROOT), str(TESTS)]), "PYTHONUNBUFFERED": "1"}
     with said.open("wb") as out:
         return subprocess.Popen([sys.executable, *arguments], stdout=out, stderr=out, env=environment, cwd=ROOT)
@@ -253,7 +258,7 @@ def postgresql(*, durable: bool = False) -> Iterator[tuple[str, Callable[[], flo
     with postgresql_server.PostgresqlServer() as server, server.new_database() as url:
         data = Path(server.folder) / "data"
         pid = int((data / "postmaster.pid").read_text().split()[0])
-        yield url, lambda: spent_by(pid, lambda process, top: "server")["server"], data
+        yield url, lambda: spent_by([pid], lambda process, top: "server")["server"], data
 
 
 def _either(process: subprocess.Popen[bytes], ready: Callable[[], bool]) -> bool:
@@ -276,8 +281,12 @@ class Plant:
         self._arguments = [str(TESTS / "fleet_up.py")] if fake else ["-m", "service", "fleet", "up", "--no-front"]
         self._settings = {
             "DATA": str(folder / "data"), "DATABASE": url, "CONNECT": json.dumps([endpoint]), "NEW_ASSETS": "adopt",
-            "FLEET_PARTITIONS": str(partitions), "FLEET_WORKERS": str(nodes), "TRACE": "false", "IDLE_TIMEOUT": "2",
+            "FLEET_PARTITIONS": str(partitions), "TRACE": "false", "IDLE_TIMEOUT": "2",
         } | settings  # fmt: skip
+        sys.path.insert(0, str(TESTS))
+        from ray_nodes import RayNodes
+
+        self.nodes, self._count = RayNodes(folder / "ray", room=partitions), nodes
         self._process: subprocess.Popen[bytes] | None = None
         self._asked = 0  # questions of this program's own
         self.started: dict[str, float] = {}  # what had been reached, after how long [s]
@@ -285,11 +294,14 @@ class Plant:
     def __enter__(self) -> Plant:
         begun = time.monotonic()
         said = self.folder / "fleet.txt"
-        process = self._process = program(*self._arguments, said=said, **self._settings)
+        self.nodes.start_head()
+        for number in range(self._count):
+            self.nodes.add(f"node-{number + 1}")
+        self.started["head and nodes"] = time.monotonic() - begun
+        given = self._settings | {"FLEET_ADDRESS": self.nodes.address}
+        process = self._process = program(*self._arguments, said=said, environment=self.nodes.environment, **given)
         reached: dict[str, Callable[[], bool]] = {
-            "tables": (self.folder / "data" / "ray-head.log").exists,
-            "head": lambda: any(self.folder.glob("data/ray-node-*.log")),
-            "nodes and actors": lambda: "fleet of" in said.read_text(),
+            "tables and actors": lambda: "fleet of" in said.read_text(),
             "first partition": lambda: len(self.census().nodes) > 0,
             "all partitions": lambda: not self.census().silent,
         }
@@ -300,19 +312,21 @@ class Plant:
                     raise RuntimeError(f"the fleet has ended: {said.read_text()}")
                 self.started[name] = time.monotonic() - begun
         except BaseException:
-            ended(process)
+            self.__exit__()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
         assert self._process is not None
         ended(self._process)
+        self.nodes.__exit__()
         self.tables.dispose()
 
     @property
-    def pid(self) -> int:
+    def pids(self) -> list[int]:
+        """The processes of `fleet up`, and of the engine's head and nodes."""
         assert self._process is not None
-        return self._process.pid
+        return [self._process.pid, *(process.pid for process in self.nodes.processes.values())]
 
     def census(self) -> Census:
         """Which partitions are served."""
@@ -320,7 +334,7 @@ class Plant:
 
     def spent(self) -> Spent:
         """Processor times of all its processes."""
-        return Spent(spent_by(self.pid, group_of), time.monotonic())
+        return Spent(spent_by(self.pids, group_of), time.monotonic())
 
     def windows(self) -> int:
         """How many are committed."""

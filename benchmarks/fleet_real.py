@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -268,19 +267,11 @@ class RealFleet:
 
     def _kill_node(self) -> set[int]:
         """Kills a node with all that runs on it; the partitions that it served."""
-        nodes = self.plant.census().nodes
-        lost: list[psutil.Process] = []
-        for process in tree(self.plant.pid):
-            with suppress(psutil.Error):
-                if any(word.startswith("--node-name=node-") for word in process.cmdline()) and not lost:
-                    lost = [process, *process.children(recursive=True)]
-        pids = {process.pid for process in lost}
+        lost = {process.pid for process in tree(self.plant.nodes.processes["node-1"].pid)}
         rows = self.plant.census().rows
-        gone = {row["partition"] for row in rows if _process_of(row["worker"]) in pids}
-        assert gone, f"no partition was on the node that was killed: {nodes}"
-        for process in lost:
-            with suppress(psutil.Error):
-                process.send_signal(signal.SIGKILL)
+        gone = {row["partition"] for row in rows if _process_of(row["worker"]) in lost}
+        assert gone, f"no partition was on the node that was killed: {rows}"
+        self.plant.nodes.kill("node-1")
         return gone
 
     def _served(self, gone: set[int], tokens: list[int]) -> float:

@@ -40,7 +40,7 @@ REAL = (
 )
 IDLE = 15.0  # that is measured without frames [s]
 TICK = 0.1  # between two looks of the receiving thread whether a window has closed [s]
-DETECT = 5.0  # until Ray takes a node for lost: `cluster.QUIET` [s]
+DETECT = 5.0  # until Ray takes a node for lost, with the health checks of docker/compose.fleet.yml [s]
 
 SIZES = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 PERIOD = 600.0  # of an asset's windows, of 2.5 s at 12.8 kHz [s]

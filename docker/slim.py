@@ -37,7 +37,7 @@ assert run(["report", "answer.json", "--out", "report.pdf"]) == 0
 import service.runtime.serve, service.transport.zenoh, service.cli.live, service.runtime.replay
 if sys.argv[3:] == ["fleet"]:
     import ray.scripts.scripts, ray.dashboard.agent, ray._private.log_monitor, ray._private.workers.setup_worker
-    import service.fleet.up, service.fleet.front, service.fleet.actor, service.fleet.engine, service.fleet.assess_task
+    import service.fleet.up, service.fleet.front, service.fleet.engine, service.fleet.assess_task
 import psycopg, paho.mqtt.client
 import uvicorn.protocols.http.h11_impl, uvicorn.lifespan.on, uvicorn.loops.auto, anyio._backends._asyncio
 from importlib.util import find_spec

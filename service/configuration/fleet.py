@@ -22,27 +22,17 @@ class Fleet(Table):
         description="partitions into which the assets are divided, fixed when the fleet is created; by default 8 then",
         examples=[64],
     )
-    fleet_workers: int = Field(
-        default=1, ge=1, le=64, description="nodes that fleet up starts on its own machine, where it joins no cluster"
-    )
-    fleet_room: int | None = Field(
-        default=None,
-        ge=1,
-        le=1000,
-        description="partitions that one of these nodes may serve; by default all, so that any node can take over",
-        examples=[8],
-    )
     fleet_cores: int | None = Field(
         default=None,
         ge=1,
         le=1000,
-        description="searches for effects that one of these nodes makes at a time, a core each; by default its share "
-        "of the machine's cores",
+        description="searches for effects made at a time where fleet up joins no cluster, a core each; by default "
+        "those of its machine",
         examples=[4],
     )
     fleet_address: str | None = Field(
         default=None,
         pattern=r"^\S+:\d{1,5}$",
-        description="HOST:PORT of a cluster of Ray that fleet up joins, rather than starting its own",
+        description="HOST:PORT of a cluster of Ray with a node on this machine; by default Ray runs on this one alone",
         examples=["ray-head:6379"],
     )

@@ -1,6 +1,6 @@
-"""A partition as an actor of Ray: restarted wherever there is room when its process or its node ends.
+"""A partition as an actor of Ray, which starts it again wherever there is room when its process or its node ends.
 
-Only `engine` imports this file, in a process that has joined Ray; Ray's workers load it with the actor.
+Only `engine` imports this file, in a process that uses Ray; Ray's workers load it with the actor and with a search.
 """
 
 from __future__ import annotations
@@ -8,18 +8,21 @@ from __future__ import annotations
 import logging
 import os
 import threading
+from collections.abc import Callable, Sequence
+from functools import cache
 from importlib import import_module
 
 import ray
 
 from service.errors import NewerTables, StoreError
+from service.fleet.engine import END_WAIT, Condition
 from service.fleet.layout import Layout
 from service.fleet.partition import serve_partition
-from service.fleet.search_task import search
 from service.fleet.searches import Search, Submit
 from service.logs import logging_by
+from service.operation.health import Late
 from service.runtime.twin_port import Twin
-from service.runtime.worker_task import Task
+from service.runtime.worker_task import Reply, Task, perform, prepare
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -28,7 +31,6 @@ FAILED = 70  # exit status of a process whose partition could not go on: EX_SOFT
 NEWER_WAIT = 30.0  # before a partition with tables of a newer release is tried again, maybe on another node [s]
 SEARCH_CORES = 0.95  # of a core for each search: what is left of the core has room for partitions
 SEARCH_RETRIES = 2  # how often a search is begun again whose process or node has ended
-END_WAIT = 20.0  # how long an end is waited for [s]
 
 
 class PartitionActor:
@@ -37,15 +39,18 @@ class PartitionActor:
     def __init__(self, settings: Settings, partition: int, layout: Layout, twin_from: str | None = None) -> None:
         """twin_from  module and name of the twin, `module:name`; None for the twin itself"""
         self._partition = partition
+        self._node = ray.get_runtime_context().get_node_id()
         self._stop = threading.Event()
+        self._late: Callable[[], Sequence[Late]] | None = None  # once the partition has been taken
         self._ended = False  # on demand
         given = settings, partition, layout, twin_from
         self._thread = threading.Thread(target=self._serve, args=given, name="partition", daemon=True)
         self._thread.start()
 
-    def pid(self) -> int:
-        """The number of the process; answered once the actor has been placed."""
-        return os.getpid()
+    def condition(self) -> Condition:
+        """How the partition is; answered once the actor has been placed."""
+        late = () if self._late is None else tuple(map(str, self._late()))
+        return Condition(node=self._node, served=self._late is not None, late=late)
 
     def end(self) -> None:
         """Ends the work: what is committed stays, and what waits is left to the next start."""
@@ -54,12 +59,11 @@ class PartitionActor:
         self._thread.join(END_WAIT)
 
     def _serve(self, settings: Settings, partition: int, layout: Layout, twin_from: str | None) -> None:
-        context = ray.get_runtime_context()
         with logging_by(settings):
             try:
                 serve_partition(
-                    settings, partition, layout, self._stop, node=context.get_node_id()[:12], twin=_twin(twin_from),
-                    submit=by_engine(settings),
+                    settings, partition, layout, self._stop, node=self._node[:12], twin=_twin(twin_from),
+                    at_work=self._is_at_work, submit=by_engine(settings),
                 )  # fmt: skip
             except StoreError as error:
                 newer = isinstance(error, NewerTables) or isinstance(error.__cause__, NewerTables)
@@ -71,6 +75,24 @@ class PartitionActor:
         if not self._ended:
             logging.shutdown()
             os._exit(FAILED)
+
+    def _is_at_work(self, late: Callable[[], Sequence[Late]]) -> None:
+        self._late = late
+
+
+def search(task: Task, log_level: int, cache_bytes: int) -> Reply:
+    """Carries a search for effects out, with everything that it leads to, in a process of the engine.
+
+    cache_bytes  wear curves that this process keeps for the next search [bytes]
+    """
+    _prepared(log_level, cache_bytes)
+    return perform(task)
+
+
+@cache
+def _prepared(log_level: int, cache_bytes: int) -> None:
+    """Once in a process."""
+    prepare(log_level, cache_bytes)
 
 
 def by_engine(settings: Settings) -> Submit:

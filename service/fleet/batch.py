@@ -1,20 +1,24 @@
-"""Many stored recordings assessed side by side; what an earlier run has done is not done again."""
+"""Many stored recordings assessed side by side, as tasks of Ray; what an earlier run has done is not done again."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from service import __version__
+from service.errors import InputError
 from service.fleet.assess_task import Outcome, Work, assess_one, found_outcome
+from service.fleet.ray_session import is_started, ray_session
 from service.json_text import json_text
 from service.results.object_store import ObjectStore
 from service.results.stored_recordings import StoredRecording
 
 SUMMARY = "summary.json"  # of the latest run that came to its end
+AHEAD = 2  # recordings that are handed over for each core, so that none waits for the next
+RETRIES = 4  # how often a recording is begun again whose process has ended: it was killed, or the memory was short
 
 
 @dataclass(slots=True, kw_only=True)
@@ -54,9 +58,10 @@ def assess_all(
     workers: int | None = None,
     address: str | None = None,
 ) -> Summary:
-    """Assesses what has no result yet, with Ray, and writes a summary to the results.
+    """Assesses what has no result yet, and writes a summary to the results.
 
-    workers, address  as `ray_tasks.carried_out` has them
+    workers  recordings at a time; None for the cores of this machine or of the cluster
+    address  of a cluster; None for a Ray of this machine alone
     """
     results = ObjectStore(work.results, make=True)
     known = {entry.name for entry in results.entries() if entry.size}
@@ -69,14 +74,50 @@ def assess_all(
             summary.add(recording, found)
     progress(summary, len(recordings))
     if missing:
-        from service.fleet.ray_tasks import ProcessEnded, carried_out
-
-        with closing(carried_out(assess_one, work, missing, workers=workers, address=address)) as done:
+        with closing(_assessed(missing, work, workers, address)) as done:
             for recording, outcome in done:
-                if isinstance(outcome, ProcessEnded):
-                    outcome = Outcome(state="refused", result=None, reason=f"{recording.where}: {outcome}")
                 summary.add(recording, outcome)
                 progress(summary, len(recordings))
     summary.outcomes = {r.where: summary.outcomes[r.where] for r in recordings}
     results.put(SUMMARY, (json_text(summary.as_json(work)) + "\n").encode())
     return summary
+
+
+def _assessed(
+    recordings: Sequence[StoredRecording], work: Work, workers: int | None, address: str | None
+) -> Generator[tuple[StoredRecording, Outcome], None, None]:
+    """Recordings as they are done; an error of the program ends the others."""
+    goes_on = is_started()
+    with ray_session(address, workers) as ray:
+        cores = max(int(ray.cluster_resources().get("CPU", 1)), 1)
+        most = workers if workers is not None and address is not None else AHEAD * cores
+        task = ray.remote(num_cpus=1, max_retries=RETRIES)(assess_one)
+        shared, coming = ray.put(work), iter(recordings)
+        running: dict[Any, StoredRecording] = {}
+        try:
+            while True:
+                while len(running) < most and (recording := next(coming, None)) is not None:
+                    running[task.remote(shared, recording)] = recording
+                if not running:
+                    return
+                for done in ray.wait(list(running), num_returns=1)[0]:
+                    recording = running.pop(done)
+                    yield recording, _outcome(ray, done, recording)
+        finally:
+            # what runs ends with this process's connection; called off at the same time, Ray may end in an abort
+            for left in running if goes_on else ():
+                ray.cancel(left, force=True)
+
+
+def _outcome(ray: Any, done: Any, recording: StoredRecording) -> Outcome:
+    try:
+        outcome: Outcome = ray.get(done)
+        return outcome
+    except ray.exceptions.RayTaskError as error:
+        if isinstance(error.cause, (ray.exceptions.RaySystemError, ImportError)):
+            said = str(error.cause).partition("\n")[0]
+            raise InputError(f"a Ray node cannot run gear-twin: {said}: install the same version on each") from error
+        raise error.cause from None
+    except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError) as error:
+        why = f"its process ended {RETRIES + 1} times ({type(error).__name__}): is there enough memory?"
+        return Outcome(state="refused", result=None, reason=f"{recording.where}: {why}")

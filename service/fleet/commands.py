@@ -18,12 +18,11 @@ app.registered_commands += assessing.registered_commands
 
 Database = Annotated[str | None, typer.Option(help="URL of the fleet's PostgreSQL database.", envvar=None)]
 Data = Annotated[Path | None, typer.Option(help="Folder that all nodes reach; default: .gear-twin.")]
-Address = Annotated[str | None, typer.Option(help="HOST:PORT of the cluster of Ray; default: that of fleet up.")]
+Address = Annotated[str | None, typer.Option(help="HOST:PORT of a cluster of Ray; default: this machine alone.")]
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
 ]
 DOWN_WITHIN = 60.0  # the end of a fleet [s]
-WAIT_SERVED = 120.0  # for partitions that are moved [s]
 
 
 def _settings(**given: Any) -> Any:
@@ -35,13 +34,10 @@ def _settings(**given: Any) -> Any:
 @app.command()
 def up(
     database: Database = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, max=64, help="Nodes on this machine, where it joins no cluster; default: 1.")
-    ] = None,
     partitions: Annotated[
         int | None, typer.Option(min=1, max=1000, help="Partitions of a new fleet, fixed from then on; default: 8.")
     ] = None,
-    address: Annotated[str | None, typer.Option(help="HOST:PORT of a cluster of Ray to join.")] = None,
+    address: Address = None,
     http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Rig file of all assets that no other names.")] = None,
     no_front: Annotated[
@@ -50,15 +46,15 @@ def up(
     data: Data = None,
     config: ConfigFile = None,
 ) -> None:
-    """Start the fleet, or join its engine, and look after it until Ctrl-C. All settings: `gear-twin config`."""
+    """Have Ray run the fleet, here or on a cluster, until Ctrl-C. All settings: `gear-twin config`."""
     from service.cli.show import progress_bar
     from service.fleet.up import prepared
     from service.fleet.up import up as run
     from service.logs import logging_by
 
     settings = _settings(
-        database=database, fleet_workers=workers, fleet_partitions=partitions, fleet_address=address, http=http,
-        rig=rig, data=data, config=config,
+        database=database, fleet_partitions=partitions, fleet_address=address, http=http, rig=rig, data=data,
+        config=config,
     )  # fmt: skip
     with logging_by(settings):
         with progress_bar("tables") as bar:
@@ -129,81 +125,28 @@ def key(
 
 
 @app.command()
-def drain(
-    node: Annotated[str, typer.Argument(metavar="NODE", help="Name, host or number of the node: see fleet status.")],
-    database: Database = None,
-    address: Address = None,
-    data: Data = None,
-    config: ConfigFile = None,
-) -> None:
-    """Move a node's partitions to others, and place nothing there any more: before its machine is stopped."""
-    from contextlib import ExitStack
-
-    from service.fleet.cluster import node_here
-    from service.fleet.engine_nodes import find_node
-    from service.fleet.joining import joined
-    from service.fleet.up import running
-
-    settings = _settings(database=database, data=data, config=config)
-    tables, layout = _tables(settings)
-    where = address or settings.fleet_address
-    alone = False
-    if where is None:
-        found = running(settings.data)
-        where, alone = found["address"], found["workers"] is not None
-    with ExitStack() as stack:
-        if not alone:
-            stack.enter_context(node_here(settings.data, where))
-        engine = joined(settings.data, where, alone=alone)(settings, layout)
-        chosen = find_node(engine.nodes(), node)
-        moved = engine.drain(chosen, _census(settings).nodes, where)
-        _await_served(settings, moved)
-        engine.leave()
-    tables.dispose()
-    numbers = ", ".join(map(str, moved)) or "none"
-    print(f"{chosen.name} serves no partition any more; moved: {numbers}")
-
-
-@app.command()
-def scale(
-    workers: Annotated[int, typer.Argument(metavar="N", min=1, max=64, help="Nodes on the machine of fleet up.")],
-    database: Database = None,
-    data: Data = None,
-    config: ConfigFile = None,
-) -> None:
-    """Have N nodes on the machine of `fleet up`, which starts or empties them. A cluster is scaled by its own means."""
-    from service.errors import InputError
-    from service.fleet.up import running, want_workers
-
-    settings = _settings(database=database, data=data, config=config)
-    tables, _ = _tables(settings)
-    if running(settings.data)["workers"] is None:
-        raise InputError(
-            f"scale = {workers}: this fleet has joined the cluster at {running(settings.data)['address']}, which is "
-            "scaled by its own means (ray start, or the operator for Kubernetes)"
-        )
-    want_workers(tables, workers)
-    print(f"the fleet is going to have {workers} nodes on its machine: see gear-twin fleet status")
-
-
-@app.command()
-def down(data: Data = None, config: ConfigFile = None) -> None:
-    """End the fleet of this folder in good order: what is committed stays, and what waits is left to the next start."""
+def down(database: Database = None, address: Address = None, data: Data = None, config: ConfigFile = None) -> None:
+    """End all partitions in good order: what is committed stays, and what waits is left to the next start."""
     from service.errors import DeliveryError
+    from service.fleet.engine import Engine
+    from service.fleet.ray_session import ray_session
     from service.fleet.up import RUNNING, running
 
-    settings = _settings(data=data, config=config)
-    process = running(settings.data)["pid"]
-    try:
+    settings = _settings(database=database, fleet_address=address, data=data, config=config)
+    if settings.fleet_address is None:
+        process = running(settings.data)
         os.kill(process, signal.SIGTERM)
-    except ProcessLookupError:
-        (settings.data / RUNNING).unlink(missing_ok=True)
-        raise DeliveryError(f"fleet up, process {process}, has ended before; nothing is left of it") from None
-    end = time.monotonic() + DOWN_WITHIN
-    while (settings.data / RUNNING).exists():
-        if time.monotonic() > end:
-            raise DeliveryError(f"fleet up, process {process}, has not ended within {DOWN_WITHIN:g} s")
-        time.sleep(0.1)
+        end = time.monotonic() + DOWN_WITHIN
+        while (settings.data / RUNNING).exists():
+            if time.monotonic() > end:
+                raise DeliveryError(f"fleet up, process {process}, has not ended within {DOWN_WITHIN:g} s")
+            time.sleep(0.1)
+    else:
+        _, layout = _tables(settings)
+        with ray_session(settings.fleet_address) as ray:
+            engine = Engine(ray, settings, layout)
+            engine.find()
+            engine.end()
     print("the fleet has ended")
 
 
@@ -232,14 +175,3 @@ def _census(settings: Any) -> Any:
 
     with reached(database_of(settings)):
         return census(*_tables(settings))
-
-
-def _await_served(settings: Any, partitions: list[int]) -> None:
-    """Waits until all of these partitions are served again."""
-    from service.errors import DeliveryError
-
-    end = time.monotonic() + WAIT_SERVED
-    while missing := sorted(set(partitions) & set(_census(settings).silent)):
-        if time.monotonic() > end:
-            raise DeliveryError(f"partitions {missing} are not served after {WAIT_SERVED:g} s: see fleet status")
-        time.sleep(0.2)

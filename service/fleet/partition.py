@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 
@@ -23,7 +23,7 @@ from service.fleet.listener import Listener
 from service.fleet.naming import PartitionStreams
 from service.fleet.reported import ReportWriter
 from service.fleet.searches import Searches, Submit
-from service.operation.health import FLEET, Health
+from service.operation.health import FLEET, Health, Late
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.sql_store import SqlStore
@@ -80,14 +80,14 @@ def serve_partition(
     twin: Twin | None = None,
     open_transport: OpenTransport | None = None,
     lost: Callable[[], None] = leave_at_once,
-    at_work: Callable[[], object] = lambda: None,
+    at_work: Callable[[Callable[[], Sequence[Late]]], object] = lambda late: None,
     submit: Submit | None = None,
 ) -> None:
     """Serves one partition until `stop` is set. The settings are those of the fleet.
 
     node     where this is, for people
     lost     called when another worker has taken the partition
-    at_work  called once the partition has been taken
+    at_work  called once the partition has been taken, with what says which of its loops hang
     submit   gives a search for effects to the engine; None: it is made here
     """
     assert settings.database is not None
@@ -137,7 +137,7 @@ def serve_partition(
         worker.on_end = stop.set
         for part in parts:
             part.start()
-        at_work()
+        at_work(health.late)
         try:
             stop.wait()
         finally:

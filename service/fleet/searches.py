@@ -11,7 +11,6 @@ Where the engine does not do it, for whatever reason, or not in time, the partit
 from __future__ import annotations
 
 import logging
-import queue
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -69,7 +68,6 @@ class Searches:
         self._inner, self._submit, self._tasks, self._keep = inner, submit, tasks, keep
         self._limit, self._wake = limit, wake
         self._jobs: set[_Job] = set()
-        self._ended: queue.SimpleQueue[_Job] = queue.SimpleQueue()
         self._done = self._failed = 0
 
     def start(self, call: Call, done: Callable[[Made], None]) -> None:
@@ -80,21 +78,12 @@ class Searches:
             self._inner.start(call, done)
 
     def collect(self) -> None:
-        """Hands on what has been made, and looks after searches that take too long."""
+        """Hands on what has been made, and calls off searches that take too long."""
         self._inner.collect()
-        while True:
-            try:
-                job = self._ended.get_nowait()
-            except queue.Empty:
-                break
-            if job in self._jobs:
-                self._jobs.remove(job)
-                self._take(job)
         now = time.monotonic()
-        for job in [job for job in self._jobs if now - job.since > self._limit]:
+        for job in [job for job in self._jobs if job.search.reply.done() or now - job.since > self._limit]:
             self._jobs.remove(job)
-            job.search.cancel()
-            self._here(job.call, job.done, f"it took longer than {self._limit:g} s")
+            self._take(job)
 
     def close(self) -> None:
         """Begins nothing more, and calls off what the engine has been given."""
@@ -131,32 +120,36 @@ class Searches:
             return
         job = _Job(call=call, done=done, search=search, since=time.monotonic())
         self._jobs.add(job)
-        search.reply.add_done_callback(partial(self._note, job))
-
-    def _note(self, job: _Job, reply: Future[Reply]) -> None:
-        self._ended.put(job)
-        self._wake()
+        search.reply.add_done_callback(lambda reply: self._wake())
 
     def _take(self, job: _Job) -> None:
         reply = job.search.reply
-        error = None if reply.cancelled() else reply.exception()
-        if reply.cancelled() or error is not None:
-            said = str(error).strip().partition("\n")[0]
-            self._here(job.call, job.done, "it was called off" if error is None else f"{type(error).__name__}: {said}")
+        if not reply.done():
+            job.search.cancel()
+            why = f"it took longer than {self._limit:g} s"
+        elif reply.cancelled():
+            why = "it was called off"
+        elif (error := reply.exception()) is not None:
+            why = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+        elif _is_without_file(reply.result()):
+            why = "the file of the window cannot be read there; do all nodes see the folder?"
+        else:
+            self._done += 1
+            take_records(reply.result(), job.call.asset)
+            curves = reply.result().curves
+            if curves is not None:
+                self._keep(job.call.asset, curves)
+            job.done(reply.result().made)
             return
-        window = reply.result().made.window
-        if window is not None and any(fault.kind == UNREADABLE for fault in window.faults):
-            self._here(job.call, job.done, "the file of the window cannot be read there; do all nodes see the folder?")
-            return
-        self._done += 1
-        take_records(reply.result(), job.call.asset)
-        curves = reply.result().curves
-        if curves is not None:
-            self._keep(job.call.asset, curves)
-        job.done(reply.result().made)
+        self._here(job.call, job.done, why)
 
     def _here(self, call: Call, done: Callable[[Made], None], why: str) -> None:
         self._failed += 1
         log.warning("a search for effects was not made by the engine, and is made here: %s", why,
                     extra={"asset": call.asset})  # fmt: skip
         self._inner.start(call, done)
+
+
+def _is_without_file(reply: Reply) -> bool:
+    window = reply.made.window
+    return window is not None and any(fault.kind == UNREADABLE for fault in window.faults)

@@ -22,10 +22,10 @@ from typing import Any
 
 import fake_twin
 import numpy as np
-import psutil
 import sqlalchemy as sa
 from fleet_up import FleetProcess
 from postgresql_server import PostgresqlServer
+from ray_nodes import RayNodes
 from service_streams import FRAME_S, PAUSE_S, PER_REV, RIG, ROOT, WINDOW_S, _frames, free_port, wait_until
 
 from service.files.rig import checked_rig
@@ -113,21 +113,35 @@ class Plant:
         self.url, self.layout = url, Layout(partitions)
         self._router: subprocess.Popen | None = None
         os.environ["FAKE_TWIN_SECONDS"] = str(slow)
+        self.nodes, self._count = RayNodes(folder / "ray", room=partitions), nodes
+        os.environ.update(self.nodes.environment)
         self.fleet = FleetProcess(
             folder / "fleet", url, CONNECT=f'["{self.endpoint}"]', FLEET_PARTITIONS=str(partitions),
-            FLEET_WORKERS=str(nodes), IDLE_TIMEOUT=str(SILENCE),
+            FLEET_ADDRESS=self.nodes.address, IDLE_TIMEOUT=str(SILENCE),
         )  # fmt: skip
         self.tables = engine_of(url, poolclass=sa.NullPool)
 
     def __enter__(self) -> Plant:
         self.route()
-        self.fleet.start()
+        self.start_engine()
         wait_until(lambda: not self.census().silent, 120)
         return self
 
     def __exit__(self, *_: object) -> None:
         self.fleet.end()
+        self.nodes.__exit__()
         self.unroute()
+
+    def start_engine(self) -> None:
+        """Starts head and nodes of the engine, and `fleet up`."""
+        self.nodes.start_head()
+        self.add_nodes()
+        self.fleet.start()
+
+    def add_nodes(self) -> None:
+        """Starts the nodes that are not there."""
+        for name in {f"node-{number}" for number in range(self._count)} - set(self.nodes.processes):
+            self.nodes.add(name)
 
     def census(self) -> Census:
         return census(self.tables, self.layout)
@@ -152,25 +166,6 @@ class Plant:
     def worker(self, partition: int) -> int:
         """The process that has a partition."""
         return int((self.census().rows[partition]["worker"] or ":0").rpartition(":")[2])
-
-    def raylets(self) -> list[psutil.Process]:
-        """The processes of Ray's nodes, without the head's."""
-        assert self.fleet.process is not None
-        found = []
-        for process in psutil.Process(self.fleet.process.pid).children(recursive=True):
-            with suppress(psutil.Error):
-                near = [other.name() for other in process.parent().children()]
-                if process.name() == "raylet" and not any("gcs_server" in name for name in near):
-                    found.append(process)
-        return found
-
-    def gcs(self) -> psutil.Process | None:
-        assert self.fleet.process is not None
-        for process in psutil.Process(self.fleet.process.pid).children(recursive=True):
-            with suppress(psutil.Error):
-                if "gcs_server" in process.name():
-                    return process
-        return None
 
 
 def attack(
@@ -349,19 +344,18 @@ def _kill_worker(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
 
 def _kill_node(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
     """A node with all that runs on it, as where a machine's power goes."""
-    raylets = plant.raylets()
-    if not raylets:
-        return
-    raylet = draw.choice(raylets)
-    for process in (raylet, *raylet.children(recursive=True)):
-        with suppress(psutil.Error):
-            process.kill()
+    plant.add_nodes()
+    plant.nodes.kill(draw.choice([name for name in plant.nodes.processes if name != "head"]))
 
 
 def _kill_head(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
-    gcs = plant.gcs()
-    if gcs is not None:
-        gcs.kill()
+    """The head, without which nodes and `fleet up` end; their supervisors start all of them again."""
+    plant.nodes.kill("head")
+    assert plant.fleet.process is not None and plant.fleet.process.wait(SETTLED_WITHIN)
+    for name in list(plant.nodes.processes):
+        plant.nodes.processes[name].wait(SETTLED_WITHIN)
+        plant.nodes.kill(name)
+    plant.start_engine()
 
 
 def _kill_database(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
@@ -403,7 +397,7 @@ def _taken(plant: Plant, partition: int) -> Iterator[None]:
     """Another worker serves a partition for a while."""
     from fleet_partition import PartitionProcess
 
-    settings = {name: value for name, value in plant.fleet.given.items() if name not in ("FLEET_WORKERS",)}
+    settings = plant.fleet.given
     other = PartitionProcess(
         plant.folder / f"other-{time.monotonic_ns()}", plant.url, plant.endpoint, partition=partition,
         partitions=plant.partitions, **{k: v for k, v in settings.items() if k not in ("CONNECT", "DATABASE")},

@@ -60,6 +60,6 @@ if __name__ == "__main__":
         Layout(int(os.environ["PARTITIONS"])),
         stop,
         twin=fake_twin.TWIN,
-        at_work=lambda: print("at work", flush=True),
+        at_work=lambda late: print("at work", flush=True),
     )
     os._exit(0)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 from service_streams import ROOT, wait_until
-
-from service.fleet.cluster import end_left
-from service.fleet.up import RUNNING
 
 HERE = Path(__file__).parent
 FAKE = "fake_twin:TWIN"
@@ -47,10 +42,7 @@ class FleetProcess:
         assert self.process is not None
         if self.process.poll() is None:
             self.process.send_signal(how)
-        status = self.process.wait(90)
-        with suppress(OSError, ValueError):  # it was killed: so is what it leaves behind
-            end_left(json.loads((self.data / RUNNING).read_text()).get("groups", ()))
-        return status
+        return self.process.wait(90)
 
 
 if __name__ == "__main__":

@@ -110,7 +110,13 @@ def served_as_a_fleet(
         def work() -> None:
             try:
                 serve_partition(
-                    settings, 0, Layout(1), stop, twin=twin, open_transport=open_transport, at_work=at_work.set
+                    settings,
+                    0,
+                    Layout(1),
+                    stop,
+                    twin=twin,
+                    open_transport=open_transport,
+                    at_work=lambda late: at_work.set(),
                 )
             except BaseException as error:
                 failed.append(error)

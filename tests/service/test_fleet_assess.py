@@ -22,7 +22,7 @@ from service.errors import InputError
 from service.fleet import cli
 from service.fleet.assess_task import Work, assess_one
 from service.fleet.batch import SUMMARY, assess_all
-from service.fleet.ray_tasks import START_ATTEMPTS, _start_here
+from service.fleet.ray_session import START_ATTEMPTS, _start_here
 from service.json_text import json_text
 from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawLimits, RawRecordings
@@ -267,13 +267,13 @@ def test_folders_of_killed_processes_are_deleted_and_those_in_use_stay(tmp_path,
 
 @pytest.fixture(scope="module")
 def ray_here():
-    from service.fleet.ray_tasks import started
+    from service.fleet.ray_session import ray_session
 
     loaded = "ray" in sys.modules and "RAY_AUTH_MODE" not in os.environ
     assert not loaded, "Ray reads its settings when it is loaded, and another test of this process has loaded it"
     with pytest.MonkeyPatch.context() as changed:
         changed.setenv("PYTHONPATH", os.pathsep.join(map(str, (PROGRAM.parent, PROGRAM.parents[2]))))
-        with started(2, None) as ray:
+        with ray_session(None, 2) as ray:
             yield ray
 
 

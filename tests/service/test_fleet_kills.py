@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+import subprocess
+import sys
 from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
 from fleet_up import FleetProcess
+from ray_nodes import RayNodes
 from service_streams import ROOT, free_port, wait_until
 
 from service.cli import run
@@ -21,20 +25,12 @@ from service.runtime.assess import assess
 from service.runtime.replay import replay
 from tests.chaos import fleet
 
+LONG = 180.0  # that the engine may take on a machine whose cores are busy [s]
 ASSET = "unsw-short"  # of the recording
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 without_cores = pytest.mark.skipif(
     not os.environ.get("GEAR_TWIN_TEST_ENGINE"), reason="GEAR_TWIN_TEST_ENGINE is not set: see the marker `engine`"
 )
-
-
-@pytest.fixture(autouse=True)
-def environment():
-    """What joining the engine sets stays with the test."""
-    before = dict(os.environ)
-    yield
-    os.environ.clear()
-    os.environ.update(before)
 
 
 @pytest.mark.engine
@@ -51,32 +47,81 @@ def status(capsys, database):
     return ended, json.loads(capsys.readouterr().out)
 
 
-def nodes(capsys, database):
-    """The nodes of the partitions; none while a partition is not served."""
-    ended, found = status(capsys, database)
-    return [] if ended else sorted({row["node"] for row in found["partitions"]})
-
-
 @pytest.mark.engine
 @without_cores
-def test_a_fleet_is_started_scaled_drained_and_ended_by_its_commands(tmp_path, empty_postgresql, capsys):
+def test_a_fleet_on_one_machine_is_started_replaces_what_hangs_and_is_ended_by_its_commands(
+    tmp_path, empty_postgresql, capsys
+):
     ports = {"LISTEN": json.dumps([f"tcp/127.0.0.1:{free_port()}"]), "HTTP": f"127.0.0.1:{free_port()}"}
-    running = FleetProcess(tmp_path, empty_postgresql, FLEET_PARTITIONS="3", **ports).start()
-    here = ["--database", empty_postgresql, "--data", str(running.data)]
+    running = FleetProcess(tmp_path, empty_postgresql, FLEET_PARTITIONS="2", LOOP_LIMIT="5", **ports).start()
     try:
-        wait_until(lambda: status(capsys, empty_postgresql)[0] == 0, 120)
-        assert run(["fleet", "scale", "2", *here]) == 0
-        wait_until(lambda: len(nodes(capsys, empty_postgresql)) == 2, 120)
-        first = nodes(capsys, empty_postgresql)[0]
-        assert run(["fleet", "drain", first, *here]) == 0
-        assert "serves no partition any more" in capsys.readouterr().out
-        ended, found = status(capsys, empty_postgresql)
-        assert ended == 0 and first not in {row["node"] for row in found["partitions"]}
+        wait_until(lambda: status(capsys, empty_postgresql)[0] == 0, LONG)
+        first, second = status(capsys, empty_postgresql)[1]["partitions"]
+        os.kill(int(first["worker"].rpartition(":")[2]), signal.SIGSTOP)
+
+        def replaced():
+            ended, found = status(capsys, empty_postgresql)
+            return ended == 0 and found["partitions"][0]["token"] > first["token"]
+
+        wait_until(replaced, LONG)
+        assert status(capsys, empty_postgresql)[1]["partitions"][1]["token"] == second["token"]
+        assert "partition 0 hangs, and is started again: it does not answer for 5 s" in running.err.read_text()
         assert run(["fleet", "down", "--data", str(running.data)]) == 0
         assert running.process is not None and running.process.wait(30) == 0
         assert status(capsys, empty_postgresql)[0] == 1
     finally:
         running.end(9)
+
+
+@pytest.mark.engine
+@without_cores
+def test_a_fleet_on_a_cluster_goes_on_without_fleet_up_and_on_the_nodes_that_there_are(
+    tmp_path, empty_postgresql, capsys, monkeypatch
+):
+    def served():
+        ended, found = status(capsys, empty_postgresql)
+        return {} if ended else {row["node"]: row["token"] for row in found["partitions"]}
+
+    def tokens():
+        return [row["token"] for row in status(capsys, empty_postgresql)[1]["partitions"]]
+
+    def command(*words):
+        given = ["--address", ray.address, "--database", empty_postgresql]
+        done = subprocess.run(
+            [sys.executable, "-m", "service", "fleet", *words, *given], cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    ports = {"LISTEN": json.dumps([f"tcp/127.0.0.1:{free_port()}"]), "HTTP": f"127.0.0.1:{free_port()}"}
+    with RayNodes(tmp_path / "ray", room=3) as ray:
+        for name, value in ray.environment.items():
+            monkeypatch.setenv(name, value)
+        ray.add("one")
+        running = FleetProcess(
+            tmp_path, empty_postgresql, FLEET_PARTITIONS="3", FLEET_ADDRESS=ray.address, **ports
+        ).start()
+        try:
+            wait_until(lambda: len(served()) == 1, LONG)
+            ray.add("two")
+            wait_until(lambda: len(served()) == 2, LONG)
+            before = tokens()
+            assert running.end() == 0
+            running.start()
+            wait_until(lambda: len(served()) == 2, LONG)
+            assert tokens() == before
+            before = tokens()
+            ray.stop("one")
+            wait_until(lambda: any(now > was for now, was in zip(tokens(), before, strict=True)) and served(), LONG)
+            assert len(served()) == 1
+            ray.add("three")
+            wait_until(lambda: len(served()) == 2, LONG)
+            before = tokens()
+            ray.kill("three")
+            wait_until(lambda: any(now > was for now, was in zip(tokens(), before, strict=True)) and served(), LONG)
+        finally:
+            running.end()
+        assert command("down") == "the fleet has ended\n" and not served()
 
 
 @pytest.mark.engine
@@ -121,6 +166,11 @@ def test_commands_without_a_fleet_say_so(tmp_path, empty_postgresql, capsys):
     assert "the database holds no fleet: gear-twin fleet up makes one" in capsys.readouterr().err
     assert run(["fleet", "down", "--data", str(tmp_path)]) == 2
     assert "no fleet runs with the folder" in capsys.readouterr().err
+    (tmp_path / "fleet.pid").write_text(f"{os.getpid()}\n")  # of a fleet that was killed: the number is another's now
+    assert run(["fleet", "down", "--data", str(tmp_path)]) == 2
+    assert "no fleet runs with the folder" in capsys.readouterr().err
+    assert run(["fleet", "down", "--database", empty_postgresql, "--address", "127.0.0.1:1"]) == 2
+    assert "the database holds no fleet" in capsys.readouterr().err
     assert run(["fleet", "status"]) == 2
     assert "a fleet needs a PostgreSQL database" in capsys.readouterr().err
     assert run(["fleet", "status", "--database", "postgresql://twin@127.0.0.1:9/none"]) == 2

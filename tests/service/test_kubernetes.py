@@ -17,7 +17,7 @@ from service_streams import free_port, wait_until
 from typer.main import get_command
 
 from service.cli.commands import app
-from service.fleet.cluster import QUIET, ROOM
+from service.fleet.ray_session import ROOM
 from service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
@@ -238,7 +238,9 @@ def test_settings_are_those_of_the_program():
     assert settings.database is not None
     host = settings.database.get_secret_value().partition("@")[2].partition("/")[0]
     assert host in named("Service") and ":" not in settings.database.get_secret_value().partition("//")[2]
-    assert {name: given[name] for name in QUIET} == QUIET
+    engine = named("ConfigMap")["gear-twin-engine"]["data"]
+    compose = yaml.safe_load((ROOT / "docker" / "compose.fleet.yml").read_text(encoding="utf-8"))["x-engine"]
+    assert engine == {name: value for name, value in compose.items() if name != "RAY_AUTH_TOKEN"}
 
 
 def test_every_node_has_room_for_all_partitions():
@@ -248,5 +250,6 @@ def test_every_node_has_room_for_all_partitions():
         assert json.loads(json.loads(group["rayStartParams"]["resources"])) == {ROOM: partitions}
         assert group["minReplicas"] >= 2
     port = container("gear-twin-head")["ports"][0]["containerPort"]
-    assert container("gear-twin-fleet")["args"][3] == f"{cluster['metadata']['name']}-head-svc:{port}"
+    address = named("ConfigMap")["gear-twin"]["data"]["GEAR_TWIN_FLEET_ADDRESS"]
+    assert address == f"{cluster['metadata']['name']}-head-svc:{port}"
     assert (ROOT / "requirements-fleet.lock").read_text().count(f"\nray=={cluster['spec']['rayVersion']} ") == 1
