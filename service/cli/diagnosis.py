@@ -9,12 +9,12 @@ from typing import Any
 from service.cli import encoder_pair as pair
 from service.cli import modulation
 from service.cli import non_gear as strange
-from service.cli.show import number, reason, spread
+from service.cli.show import number, reason, spread, table
 from service.effect_growth import growth_text
 from service.moved_lines import moved_text
 
 SMALL = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°")}
-EFFECT_COLUMNS = ("effect", "status", "parameters", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm")
+EFFECT_COLUMNS = ("effect", "status", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm", "parameters")
 STRONGEST = 6  # unexplained lines that are named
 CERTAIN, LIKELY = 10.0, 5.0  # nats over the runner-up
 COUNTED = 1e-3  # of a value: a spread that is smaller belongs to a count, such as the number of a tooth
@@ -203,27 +203,27 @@ def change(entry: Mapping[str, Any]) -> str:
     return f"window {entry.get('window')}{at}: {entry['name']} {entry['action']}{why}"
 
 
-def effect_table(effects: Sequence[Mapping[str, Any]], title: str) -> Any:
-    """The effects as a table."""
-    from rich.table import Table
-
-    table = Table(title=title)
-    for column in EFFECT_COLUMNS:
-        table.add_column(column)
+def effect_lines(asset: str, effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The effects in the twin of an asset as a table."""
+    if not effects:
+        return [f"{asset}: no effect besides wear"]
+    rows = []
     for e in effects:
         evidence, before, after = e["evidence"], e["error_before"], e["error_after"]
         over = evidence.get("over_runner_up")
-        table.add_row(
-            e["name"],
-            e.get("status", ""),
-            "\n".join(f"{name} {figure(value)}" for name, value in e["parameters"].items()),
-            turns(e["onset_revolutions"]),
-            nats(evidence["log_evidence"]),
-            "–" if evidence.get("runner_up") is None else f"{evidence['runner_up']} −{number(over, 3)}",
-            f"{number(before.get('waveform_percent'), 3)} → {number(after.get('waveform_percent'), 3)}",
-            f"{number(e['wear_depth_um_before'], 3)} → {number(e['wear_depth_um_after'], 3)}",
+        rows.append(
+            (
+                e["name"],
+                e.get("status", ""),
+                turns(e["onset_revolutions"]),
+                nats(evidence["log_evidence"]),
+                "–" if evidence.get("runner_up") is None else f"{evidence['runner_up']} −{number(over, 3)}",
+                f"{number(before.get('waveform_percent'), 3)} → {number(after.get('waveform_percent'), 3)}",
+                f"{number(e['wear_depth_um_before'], 3)} → {number(e['wear_depth_um_after'], 3)}",
+                ", ".join(f"{name} {figure(value)}" for name, value in e["parameters"].items()),
+            )
         )
-    return table
+    return [f"Effects in the twin of {asset}", *table(rows, EFFECT_COLUMNS)]
 
 
 def _bands(residual: Mapping[str, Any]) -> list[str]:

@@ -12,7 +12,8 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import Prefix, prefix_of, tell
+from service.cli.assessing import JsonFile, Prefix, prefix_of, tell
+from service.cli.config import configured
 from service.json_text import wrote_json
 
 GUESSING = "With --guess"
@@ -26,6 +27,7 @@ Zone = Annotated[
 ]
 
 
+@configured
 def import_(
     mapping: Annotated[
         Path,
@@ -46,9 +48,7 @@ def import_(
     started: Started = None,
     zone: Zone = None,
     prefix: Prefix = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-    ] = None,
+    json: JsonFile = None,
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
     ] = False,
@@ -233,24 +233,23 @@ def _proposed(
     return path, {"mapping": str(path), "format": table.format, "sample_rate_hz": proposal.rate, "proposal": channels}
 
 
-def _print_proposal(table: Any, proposal: Any) -> None:
-    from rich.box import SIMPLE
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+def _print_proposal(data: Any, proposal: Any) -> None:
+    from service.cli.show import table
 
     length = "" if proposal.duration is None else f", {proposal.duration:.6g} s"
     rate = "different rates" if proposal.rate is None else f"{proposal.rate:.9g} Hz ({proposal.rate_from})"
-    print(f"{table.format} file, {rate}{length}")
-    shown = Table(box=SIMPLE, pad_edge=False)
-    for column in ("column", "becomes", "unit", "because"):
-        shown.add_column(column)
-    for g in proposal.guesses:
-        unit = g.unit if g.scale == 1 else f"{g.scale:g} {g.unit}"
-        cells = (", ".join(g.columns), g.becomes, unit, g.why + (f"; {g.remark}" if g.remark else ""))
-        shown.add_row(*(Text(cell) for cell in cells))  # a name from a file is no markup
-    Console().print(shown)
-    for note in table.notes:
+    print(f"{data.format} file, {rate}{length}")
+    rows = [
+        (
+            ", ".join(g.columns),
+            g.becomes,
+            g.unit if g.scale == 1 else f"{g.scale:g} {g.unit}",
+            g.why + (f"; {g.remark}" if g.remark else ""),
+        )
+        for g in proposal.guesses
+    ]
+    print("\n".join(table(rows, ("column", "becomes", "unit", "because"))))
+    for note in data.notes:
         print(f"note: {note}")
 
 

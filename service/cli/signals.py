@@ -9,7 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import Prefix
+from service.cli.assessing import Asset, Prefix, Recording, RigFile, Shown, answering, prefix_of, windowing
+from service.cli.config import configured
 
 
 class ViewName(StrEnum):
@@ -35,8 +36,10 @@ FORMATS = (".png", ".csv", ".json")
 MODEL_VIEWS = (ViewName.flank,)
 
 
+@configured
+@answering
 def signals(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (MCAP).")],
+    recording: Recording,
     view: Annotated[ViewName, typer.Option(help="What to show of the window.")] = ViewName.spectrum,
     window: Annotated[int, typer.Option(help="Index of the window; -1 is the last one.")] = -1,
     channel: Annotated[
@@ -56,19 +59,12 @@ def signals(
     ] = False,
     dark: Annotated[bool, typer.Option("--dark", help="Dark picture.")] = False,
     log: Annotated[bool, typer.Option("--log", help="Logarithmic amplitudes in the picture.")] = False,
-    rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")
-    ] = None,
-    asset: Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")] = None,
+    rig: RigFile = None,
+    asset: Asset = None,
     prefix: Prefix = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-    ] = None,
-) -> None:
+) -> Shown:
     """Show signals of one window: waveform, spectra, synchronous average, transmission error or the worn flank."""
-    from service.cli.assessing import prefix_of, tell, windowing
     from service.errors import InputError
-    from service.json_text import wrote_json
     from service.signals.recorded import recorded_subject
     from service.signals.view import MOST_POINTS, ViewOptions, as_json
     from service.signals.views import VIEWS
@@ -87,12 +83,10 @@ def signals(
         raise InputError(f"{recording}: window {subject.index}: {error}") from None
     head = {"asset": subject.asset, "window": subject.index, "start_time": subject.started.isoformat()}
     answer = {**head, **as_json(shown, MOST_POINTS)}
-    printed = wrote_json(answer, json)
     if out is not None:
         WRITERS[out.suffix.lower()](out, shown, answer, ("dark" if dark else "light", log))
-        tell(f"{shown.title} written to {out}")
-    if not printed:
-        print("\n".join(_summary(answer, subject.channels)))
+    notes = () if out is None else (f"{shown.title} written to {out}",)
+    return Shown(answer, lambda: _summary(answer, subject.channels), notes)
 
 
 def _picture(out: Path, shown: Any, answer: dict[str, Any], look: tuple[str, bool]) -> None:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from service.cli.assessing import Prefix, prefix_of, settings_of, tell, windowing
+from service.cli.assessing import NoTrace, Prefix, RigFile, Shown, answering, prefix_of, settings_of, tell, windowing
+from service.cli.config import configured
+from service.cli.rest import Service, with_service
 
 
+@configured
+@answering
+@partial(with_service, url=False)
 def what_if(
+    service: Service,
     source: Annotated[
         str, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or address of a service: http://HOST:PORT.")
     ],
@@ -29,21 +36,12 @@ def what_if(
     hours_per_day: Annotated[
         float | None, typer.Option(help="Running time per day; default: the rig file's, or as observed.")
     ] = None,
-    rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")
-    ] = None,
-    no_trace: Annotated[
-        bool, typer.Option("--no-trace", help="Model wear alone: do not search for other effects.")
-    ] = False,
-    json: Annotated[
-        Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-    ] = None,
+    rig: RigFile = None,
+    no_trace: NoTrace = False,
     asset: Annotated[str | None, typer.Option(help="The asset, if there is more than one.")] = None,
     prefix: Prefix = None,
-) -> None:
+) -> Shown:
     """Remaining life under another duty, and the probability of reaching a date."""
-    from service.json_text import wrote_json
-
     body = {
         "duty": [_point(text) for text in duty] if duty else None,
         "until": until,
@@ -53,11 +51,10 @@ def what_if(
     }
     asked = {key: value for key, value in body.items() if value is not None}
     if source.startswith(("http://", "https://")):
-        found = _of_service(source, asset, asked)
+        found = _of_service(service.at(source), asset, asked)
     else:
         found = _of_recording(Path(source), rig, asset, prefix, asked, trace=not no_trace)
-    if not wrote_json(found, json):
-        print(text(found))
+    return Shown(found, lambda: text(found))
 
 
 def _point(text: str) -> dict[str, float]:
@@ -107,17 +104,16 @@ def _of_recording(
         raise InputError(str(reason)) from None
 
 
-def _of_service(address: str, asset: str | None, asked: dict[str, Any]) -> dict[str, Any]:
+def _of_service(service: Service, asset: str | None, asked: dict[str, Any]) -> dict[str, Any]:
     """The answer of a running service."""
-    from service.cli.rest import call
     from service.errors import InputError
 
     if asset is None:
-        known = [one["asset"] for one in call(address, "/v1/assets")]
+        known = [one["asset"] for one in service.ask("assets")]
         if len(known) != 1:
-            raise InputError(f"{address} knows {', '.join(known) or 'no asset'}: choose one with --asset")
+            raise InputError(f"{service.url} knows {', '.join(known) or 'no asset'}: choose one with --asset")
         (asset,) = known
-    return call(address, f"/v1/assets/{asset}/what-if", asked)
+    return service.ask("assets", asset, "what-if", body=asked)
 
 
 def text(found: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from service.access.access import Access
 from service.access.keys import KeyStore
 from service.access.roles import Role, Who
 from service.api import create_app
-from service.cli.audit import entry_line
+from service.cli.alarms import entry_line
 from service.results.audit_log import AuditLog
 
 INSPECTION = {"revolutions": 6000, "max_depth_um": 150.0, "flank": "combined", "std_um": 4.0}
