@@ -9,8 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from service.cli.assessing import Shown
-from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking, moment
-from service.cli.show import wrapped
+from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking
+from service.errors import InputError
+from service.report.words import moment, wrapped
 
 app = typer.Typer(no_args_is_help=True, help="List the alarms of a running service, acknowledge and clear them.")
 effects = typer.Typer(
@@ -79,7 +80,6 @@ def rules(
 ) -> Shown:
     """Show the alarm rules of an asset with the limits learned so far, or set them from a file."""
     from service.alarms.rules import load_rules
-    from service.errors import InputError
 
     body = None
     if file is not None:
@@ -91,8 +91,6 @@ def rules(
 
 
 def _signed(service: Service, number: int, verb: str, by: str, note: str) -> Shown:
-    from service.errors import InputError
-
     known = {alarm["id"]: alarm["asset"] for alarm in service.ask("alarms")}
     if number not in known:
         numbers = ", ".join(map(str, sorted(known))) or "none"
@@ -108,7 +106,7 @@ def _signed(service: Service, number: int, verb: str, by: str, note: str) -> Sho
 @asking
 def list_effects(service: Service, asset: Every = None) -> Shown:
     """Show the effects with their evidence."""
-    from service.cli.diagnosis import effect_lines
+    from service.report.text import effect_lines
 
     names = [asset] if asset else [a["asset"] for a in service.ask("assets")]
     found = {name: service.ask("assets", name, "effects") for name in names}
@@ -153,8 +151,6 @@ def decisions(service: Service, asset: Only = None) -> Shown:
 
 
 def _decided(service: Service, names: list[str], verb: str, by: str | None, note: str | None) -> Shown:
-    from service.errors import InputError
-
     *before, name = names
     if len(before) > 1:
         raise InputError(f"{' '.join(names)}: one effect at a time, after its asset's name")

@@ -11,8 +11,9 @@ import typer
 
 from service.cli.assessing import Shown
 from service.cli.config import configured
-from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking, moment
-from service.cli.show import table
+from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking
+from service.errors import InputError
+from service.report.words import moment, table
 
 app = typer.Typer(no_args_is_help=True, help="List the machines of a running service; create, change, rename, retire.")
 
@@ -101,8 +102,6 @@ def rig(
     note: Note = None,
 ) -> Shown:
     """Show rig files that came on the stream, with what differs; accept or reject one (role administer)."""
-    from service.errors import InputError
-
     if accept is None and reject is None:
         found = [p for p in service.ask("rig-proposals") if asset in (None, p["asset"])]
         return Shown(found, lambda: proposal_lines(found))
@@ -190,8 +189,7 @@ def baseline(
     note: Note = None,
 ) -> Shown:
     """Show an asset's own healthy baseline, learn it from recordings or from its windows, or remove it."""
-    from service.cli.baseline_report import learned_text
-    from service.errors import InputError
+    from service.report.baseline import learned_text
 
     if sum((bool(recordings), windows is not None, remove)) > 1:
         raise InputError("give recordings, --windows or --remove, and one of them alone")
@@ -208,8 +206,6 @@ def baseline(
 
 def numbers_of(text: str) -> list[int]:
     """Window numbers of a list such as `0-5,8`."""
-    from service.errors import InputError
-
     out: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")

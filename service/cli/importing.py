@@ -14,7 +14,9 @@ import typer
 
 from service.cli.assessing import JsonFile, Prefix, prefix_of, tell
 from service.cli.config import configured
-from service.json_text import wrote_json
+from service.cli.show import progress_bar
+from service.errors import InputError
+from service.json_text import write_text, wrote_json
 
 GUESSING = "With --guess"
 Started = Annotated[
@@ -85,8 +87,6 @@ def import_(
     ] = False,
 ) -> None:
     """Convert a data file (CSV, MAT, WAV, TDMS, HDF5, …) into a recording."""
-    from service.errors import InputError
-
     said: dict[str, Any] = {}
     if guess:
         age = age or _asked_age(yes)
@@ -136,8 +136,6 @@ def _zone_of(began: datetime | None, data: Path, ask: Callable[[str], str] | Non
 
 def _asked(question: str, default: str, check: Callable[[str], Any]) -> str:
     """An answer that passes a check, however often it takes."""
-    from service.errors import InputError
-
     while True:
         given = str(typer.prompt(question, default=default))
         try:
@@ -153,8 +151,6 @@ def _stem(path: Path) -> str:
 
 
 def _teeth(text: str | None) -> tuple[int, int] | None:
-    from service.errors import InputError
-
     if text is None:
         return None
     found = re.fullmatch(r"\s*(\d+)\s*[/:,x]\s*(\d+)\s*", text)
@@ -165,7 +161,6 @@ def _teeth(text: str | None) -> tuple[int, int] | None:
 
 def _speed(text: str | None) -> float | None:
     """A speed in turns a second, from a number in Hz or with its unit."""
-    from service.errors import InputError
     from service.files.guess import SPEEDS
 
     if text is None:
@@ -183,12 +178,10 @@ def _proposed(
     data: Path, write: Path | None, force: bool, pulses_per_rev: int, given: dict[str, Any], *, quiet: bool
 ) -> tuple[Path, dict[str, Any]]:
     """The mapping file that was written for a data file, and what is in it."""
-    from service.errors import InputError
     from service.files.guess import plain_name, proposal_of
     from service.files.guess_mapping import Known, check_text, contradicted_speed, mapping_text, with_reference
     from service.files.readers import read_table
     from service.files.rig import load_rig
-    from service.json_text import write_text
     from service.stream.channels import SHAFTS
 
     if given["shaft"] not in (None, *SHAFTS):
@@ -234,7 +227,7 @@ def _proposed(
 
 
 def _print_proposal(data: Any, proposal: Any) -> None:
-    from service.cli.show import table
+    from service.report.words import table
 
     length = "" if proposal.duration is None else f", {proposal.duration:.6g} s"
     rate = "different rates" if proposal.rate is None else f"{proposal.rate:.9g} Hz ({proposal.rate_from})"
@@ -263,7 +256,6 @@ def _imported(
     *,
     quiet: bool,
 ) -> dict[str, Any]:
-    from service.cli.show import progress_bar
     from service.files.import_recording import UNKNOWN_AGE, import_recording
 
     with progress_bar("importing") as bar:

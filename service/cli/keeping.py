@@ -15,6 +15,7 @@ import typer
 from service.access.roles import Role
 from service.cli.assessing import Data, Shown, answering, settings_of, tell
 from service.cli.config import ConfigFile
+from service.errors import InputError, StoreError
 
 keys = typer.Typer(no_args_is_help=True, help="Make, list and revoke the API keys of a service.")
 
@@ -97,8 +98,6 @@ def _store(data: Path | None, config: Path | None) -> Any:
 
 def _expiry(text: str) -> float:
     """Unix time [s] of a date, or of a number of days from now."""
-    from service.errors import InputError
-
     days = re.fullmatch(r"(\d{1,5})d", text)
     if days:
         return time.time() + int(days[1]) * DAY
@@ -110,8 +109,6 @@ def _expiry(text: str) -> float:
 
 def _date(text: str, wrong: str) -> datetime:
     """A date, of UTC where it names no zone; InputError says what is wrong."""
-    from service.errors import InputError
-
     try:
         found = datetime.fromisoformat(text)
     except ValueError:
@@ -162,7 +159,6 @@ def restore(archive: Archive, data: Data = None, config: ConfigFile = None) -> S
 @answering
 def check(data: Data = None, config: ConfigFile = None) -> Shown:
     """Say what is wrong with a database and its files, and how large it becomes; the service may run."""
-    from service.errors import StoreError
     from service.results.data_folder import database_of
     from service.results.examination import examine
     from service.results.raw_recordings import kept_in
@@ -200,7 +196,6 @@ def export(
     config: ConfigFile = None,
 ) -> None:
     """Write results as CSV, JSON Lines or Parquet, by asset and time; the service may run."""
-    from service.errors import InputError
     from service.results.archive import demand_present
     from service.results.export_rows import FORMS
     from service.results.export_rows import export as write

@@ -11,6 +11,10 @@ import typer
 
 from service.cli.assessing import Asset, Prefix, Recording, RigFile, Shown, answering, assessed, prefix_of, windowing
 from service.cli.config import configured
+from service.cli.show import progress_bar
+from service.errors import InputError
+from service.json_text import write_text
+from service.report.words import number
 from service.runtime.usable_cores import usable_cores
 
 CHANNELS = ("torque", "encoder/pinion", "encoder/gear")
@@ -47,8 +51,6 @@ def calibrate(
 
 def calibration_text(found: Mapping[str, Any]) -> str:
     """The calibration as a table, with the misfit and the doubts that it leaves."""
-    from service.cli.show import number
-
     calibration = found["calibration"]
     if "values" not in calibration:
         return f"Calibration of {found['asset']}: not available: {calibration.get('reason')}"
@@ -66,8 +68,6 @@ def _fit(calibration: Mapping[str, Any]) -> list[str]:
     """How well the calibrated model fits the windows it was calibrated with."""
     if calibration["from"] != "windows":
         return ["No window could be used: these are the values that the rig file states or implies."]
-    from service.cli.show import number
-
     misfit, doubts = calibration.get("misfit"), calibration.get("doubts") or []
     meaning = "mean squared residual over its expected spread; about 1 or less where the model fits"
     lines = [f"Misfit: {number(misfit, 3)} ({meaning})."]
@@ -86,9 +86,9 @@ def baseline(
     prefix: Prefix = None,
 ) -> Shown:
     """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
-    from service.cli.baseline_report import learned_text
     from service.contract.baseline import Baseline
     from service.files.baseline import learned, save
+    from service.report.baseline import learned_text
     from twin.baseline.comparison import described
 
     found = learned(recordings, rig, windowing(), prefix_of(prefix))
@@ -110,12 +110,9 @@ def relate(
     draws: Annotated[int, typer.Option(min=0, max=200, help="Number of draws of the estimated values.")] = 12,
 ) -> Shown:
     """Calibrate the relation of vibration level and wear depth on measured depths, and test causes of its error."""
-    from service.cli import relation_report as shown
-    from service.cli.show import progress_bar
-    from service.errors import InputError
     from service.files import relation as relating
     from service.files.series import load_series
-    from service.json_text import write_text
+    from service.report.relation import relation_text
     from twin.errors import TwinError
 
     known = load_series(series, source)
@@ -128,10 +125,12 @@ def relate(
     if relation is not None:
         relating.save_relation(known, tried, relation)
     if out is not None:
-        write_text(out, shown.page(answer))
+        from service.report.pages import relation_page
+
+        write_text(out, relation_page(answer))
     written = ((out, "figures"), (relation, "relation"))
     notes = tuple(f"{what} written to {path}" for path, what in written if path is not None)
-    return Shown(answer, lambda: shown.text(answer), notes)
+    return Shown(answer, lambda: relation_text(answer), notes)
 
 
 @answering
@@ -142,10 +141,9 @@ def depths(
     out: Annotated[Path | None, typer.Option(help="CSV file to write.")] = None,
 ) -> Shown:
     """Wear depths of a table of vibration levels, by a relation of level and depth."""
-    from service.cli.relation_report import depths_text
     from service.files.level_table import as_csv, depths_of
     from service.files.relation import read_relation
-    from service.json_text import write_text
+    from service.report.relation import depths_text
 
     found = depths_of(read_relation(relation), table, delimiter)
     if out is not None:
@@ -176,8 +174,6 @@ def detectability(
     out: Annotated[Path | None, typer.Option(help="File to write, for `assess --detectability`.")] = None,
 ) -> Shown:
     """Simulate machines of a rig file, and tell from which size each effect is found at a rate of false alarms."""
-    from service.cli.show import progress_bar
-    from service.errors import InputError
     from service.files.detectability import answer, save
     from service.files.rig import load_rig
     from twin.detectability.study import study
@@ -217,7 +213,6 @@ def _campaign(
     """The windows that are simulated."""
     from dataclasses import replace
 
-    from service.errors import InputError
     from twin.detectability.windows import Campaign, instruments_of
     from twin.model import Condition
 
@@ -254,16 +249,15 @@ def _mapping(processes: int) -> Iterator[Any]:
 
 def _limits_text(data: dict[str, Any]) -> list[str]:
     """The sizes from which effects are found, and the evidence that healthy machines give for them."""
-    from service.cli.diagnosis import figure, label
-    from service.cli.show import table
+    from service.report.words import label, size, table
 
     first, healthy = data["conditions"][0], data["healthy_campaigns"]
     rows = []
     for limit in data["detection_limits"]:
-        size, tried = (
-            figure({"value": limit[k], "unit": limit["unit"], "std": None}) for k in ("value", "largest_tried")
+        found, tried = (
+            size({"value": limit[k], "unit": limit["unit"], "std": None}) for k in ("value", "largest_tried")
         )
-        value = "–" if limit["value"] is None else f"{limit['parameter'].replace('_', ' ')} {size}"
+        value = "–" if limit["value"] is None else f"{limit['parameter'].replace('_', ' ')} {found}"
         note = limit["note"] if limit["largest_tried"] is None else f"{limit['note']}: {tried}"
         factor = "" if limit["value"] is None else f"{limit['within_factor']:.2f}"
         rows.append((label(limit["name"]), value, factor, note))

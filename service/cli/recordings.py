@@ -12,7 +12,9 @@ import typer
 
 from service.cli.assessing import Prefix, Recording, RigFile, Shown, answering, settings_of, tell
 from service.cli.config import ConfigFile
-from service.errors import DeliveryError
+from service.cli.show import progress_bar
+from service.errors import DeliveryError, InputError
+from service.json_text import write_text
 
 CLOCKS_DIFFER = 60.0  # by which a logger's clock may be ahead of this computer's [s]
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a service or router, such as tcp/127.0.0.1:7447.")]
@@ -50,8 +52,6 @@ def replay(
     config: ConfigFile = None,
 ) -> Shown:
     """Publish a recording on Zenoh as it was recorded, or faster; ends when the service has stored all of it."""
-    from service.cli.show import progress_bar
-    from service.errors import InputError
     from service.logs import logging_by
     from service.runtime.replay import replay as run
     from service.transport.zenoh import open_publisher
@@ -125,8 +125,6 @@ def record_live(
     import signal
     import threading
 
-    from service.cli.show import progress_bar
-    from service.errors import InputError
     from service.runtime.record import record as written
     from service.stream.inbox import Inbox
     from service.transport.zenoh import open_zenoh
@@ -170,8 +168,6 @@ def simulate(
     """Simulate a wear campaign into a recording, with an independent simulator."""
     from recordings import simulate_file
     from recordings.generator.errors import SpecError
-    from service.cli.show import progress_bar
-    from service.errors import InputError
 
     with progress_bar("simulating") as bar:
         try:
@@ -201,9 +197,7 @@ def misalignment(
     ] = 20,
 ) -> Shown:
     """Spur gears misaligned by 1° as bodies on shafts (Dąbrowski et al. 2012); about 50 s plus the draws."""
-    from service.cli.figure_style import STYLE
-    from service.cli.show import progress_bar
-    from service.json_text import write_text
+    from service.report.pages import STYLE
     from studies.misalignment.plots import page
     from studies.misalignment.report import as_numbers, text
     from studies.misalignment.study import study

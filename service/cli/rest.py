@@ -15,6 +15,7 @@ import typer
 
 from service.cli.assessing import Shown, answering, with_options
 from service.cli.config import ConfigFile
+from service.errors import InputError
 
 LOCAL = "http://127.0.0.1:8080"
 WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
@@ -54,7 +55,6 @@ class Service:
         body  JSON data, or a file's bytes as they are
         """
         from service.access.http_client import HttpClient, ServiceError, path_of
-        from service.errors import InputError
         from service.printable import all_printable
 
         try:
@@ -68,8 +68,6 @@ class Service:
 
     def only_asset(self) -> str:
         """The service's asset, where it has one alone."""
-        from service.errors import InputError
-
         known = [a["asset"] for a in self.ask("assets")]
         if len(known) != 1:
             what = f"name one of its assets: {', '.join(known)}" if known else "no asset has sent a frame yet"
@@ -94,11 +92,6 @@ def with_service(command: Callable[..., Any], *, url: bool = True) -> Callable[.
 def asking(command: Callable[..., Shown]) -> Callable[..., Any]:
     """A command that asks a service and shows what it answers."""
     return answering(with_service(command))
-
-
-def moment(text: str | None) -> str:
-    """A time of the JSON as people read it: date and minute."""
-    return (text or "")[:16].replace("T", " ")
 
 
 @partial(with_service, url=False)

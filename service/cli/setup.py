@@ -9,7 +9,9 @@ import typer
 
 from service.cli.assessing import Asset, Prefix, RigFile, Shown, answering, prefix_of, windowing
 from service.cli.config import configured
-from service.cli.show import table
+from service.errors import InputError
+from service.json_text import write_text
+from service.report.words import table, wrapped
 
 
 @answering
@@ -21,8 +23,6 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
 ) -> Shown:
     """Make a rig file and a mapping file from a few questions; says what the machine will be able to tell."""
-    from service.errors import InputError
-    from service.json_text import write_text
     from service.setup.abilities import abilities, equipment_of, one_more
     from service.setup.answers import checked_answers, load_answers
     from service.setup.mapping_file import mapping_text
@@ -118,7 +118,6 @@ def _accelerometers() -> list[dict[str, Any]]:
 
 def _ask(question: Any) -> Any:
     """One answer as a person types it; one that cannot be is refused with the reason and asked again."""
-    from service.errors import InputError
     from service.setup.answers import read_answer
 
     said = question.text + (f" ({' / '.join(question.choices)})" if question.choices else "")
@@ -203,8 +202,6 @@ def _described_threshold(item: Any) -> dict[str, Any]:
 
 def _threshold_lines(found: list[Any]) -> list[str]:
     """Every number under the name of its set, with its meaning and source below it."""
-    from service.cli.show import wrapped
-
     lines, last = ["Numbers that decide a verdict"], ""
     for item in found:
         group, about = f"{item.module}: {item.row.group}", item.row.about

@@ -11,6 +11,8 @@ import typer
 
 from service.cli.assessing import Asset, Prefix, Recording, RigFile, Shown, answering, prefix_of, windowing
 from service.cli.config import configured
+from service.errors import InputError
+from service.report.words import number
 
 
 class ViewName(StrEnum):
@@ -64,7 +66,6 @@ def signals(
     prefix: Prefix = None,
 ) -> Shown:
     """Show signals of one window: waveform, spectra, synchronous average, transmission error or the worn flank."""
-    from service.errors import InputError
     from service.signals.recorded import recorded_subject
     from service.signals.view import MOST_POINTS, ViewOptions, as_json
     from service.signals.views import VIEWS
@@ -116,8 +117,6 @@ WRITERS: dict[str, Callable[[Path, Any, dict[str, Any], tuple[str, bool]], None]
 
 
 def _write(out: Path, content: bytes) -> None:
-    from service.errors import InputError
-
     try:
         out.write_bytes(content)
     except OSError as error:
@@ -129,8 +128,6 @@ LINES = 8  # of a spectrum that the summary names
 
 def _summary(answer: dict[str, Any], channels: tuple[str, ...]) -> list[str]:
     """Title, figures, the strongest lines of a spectrum, and notes."""
-    from service.cli.show import number
-
     lines = [f"{answer['title']}, window {answer['window']} of {answer['asset']}, {answer['start_time']}"]
     lines += [f"  {name.replace('_', ' ')}: {number(value, 5)}" for name, value in answer["figures"].items()]
     if "spectrum" in answer["view"]:

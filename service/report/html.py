@@ -69,12 +69,11 @@ def _cards(report: Report) -> str:
 
 
 def _findings(report: Report) -> str:
-    if not report.findings:
-        return ""
     rows = "".join(
         f"<div><dt>{escape(f.title)}</dt><dd>{escape(' '.join(f.sentences))}</dd></div>" for f in report.findings
     )
-    return f"<h2>What else was found, and how sure</h2><dl>{rows}</dl>"
+    found = f"<dl>{rows}</dl>" if rows else ""
+    return f"<h2>What else was found, and how sure</h2>{_paragraphs(report.conclusions)}{found}"
 
 
 def _list(title: str, lines: Sequence[str]) -> str:

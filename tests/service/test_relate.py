@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from service.cli import run
-from service.cli.relation_report import kept_combination
 from service.contract.estimate import step
 from service.errors import InputError
 from service.files.relation import read_relation
 from service.files.series import load_series
+from service.report.relation import kept_combination
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from tests.mesh_pairs import UNSW_RIG
 from tests.service.test_baselines import recording

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from service.cli.assets import change_line
-from service.cli.diagnosis import verdict
 from service.contract import effect_findings
 from service.contract.effects import Effect
 from service.contract.status import data_of, status_of
 from service.report.findings import findings as report_findings
+from service.report.findings import verdict
 from tests.estimated_machines import rig_of
 from tests.unit.test_status import HEALTHY, effect
 from twin.assessment import Unexplained
@@ -36,7 +36,7 @@ def test_kinds_of_faults_and_changes_are_shown_in_words():
     record = {"quality": "degraded", "start_time": "t", "faults": [fault]}
     assert data_of([record]).reason == "the latest window is degraded: counter reset in encoder/pinion"
     made = {"kind": "gears_replaced", "received": "2026-01-01T10:00:00", "done": True}
-    assert change_line(made) == "2026-01-01 10:00  gears replaced"
+    assert change_line(made) == "2026-01-01 10:00 UTC  gears replaced"
 
 
 def test_machine_without_an_accelerometer_is_not_said_to_vibrate():
