@@ -7,30 +7,39 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from service.cli.assessing import Shown
 from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking
 from service.errors import InputError
-from service.report.words import moment, wrapped
+from service.report.words import listed, wrapped
 
 app = typer.Typer(no_args_is_help=True, help="List the alarms of a running service, acknowledge and clear them.")
 effects = typer.Typer(
     no_args_is_help=True, help="List the effects that a running service has found, and decide on them."
 )
 
-Number = Annotated[int, typer.Argument(metavar="NUMBER", min=1, help="Number of the alarm, as listed.")]
-ByName = Annotated[str, typer.Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
-Done = Annotated[str, typer.Option(help="What you saw or did.")]
-Every = Annotated[str | None, typer.Argument(metavar="ASSET", help="The asset; all where none is given.")]
-Only = Annotated[str | None, typer.Argument(metavar="ASSET", help="The asset, if the service has several.")]
+Number = Annotated[int, Argument(metavar="NUMBER", min=1, help="Number of the alarm, as listed.")]
+ByName = Annotated[str, Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
+Done = Annotated[str, Option(help="What you saw or did.")]
+Every = Annotated[str | None, Argument(metavar="ASSET", help="The asset; all where none is given.")]
+Only = Annotated[str | None, Argument(metavar="ASSET", help="The asset, if the service has several.")]
 Names = Annotated[
     list[str],
-    typer.Argument(
+    Argument(
         metavar="[ASSET] NAME",
         help="The effect, such as misalignment; before it the asset, if the service has several.",
     ),
 ]
-Why = Annotated[str | None, typer.Option(help="What you saw, or why.")]
+Why = Annotated[str | None, Option(help="What you saw, or why.")]
+VERBS = {
+    "accept": "Confirm an effect: it stays, its size may still be refined.",
+    "reject": "Remove an effect from the model; it is not added again until released.",
+    "pin": "Keep an effect with exactly these numbers, whatever later windows show.",
+    "release": "Let the data decide on an effect again.",
+}
+DECIDED = "received_ns decision name done by note"
+AUDITED = "id at name kind role address action asset what outcome note"
 STATES = {
     "active_unacknowledged": "active",
     "active_acknowledged": "active, acknowledged",
@@ -45,7 +54,7 @@ BASES = {"criterion": "by the criterion of the status", "learned": "limits learn
 def list_(
     service: Service,
     asset: Every = None,
-    everything: Annotated[bool, typer.Option("--all", help="Closed alarms, too.")] = False,
+    everything: Annotated[bool, Option("--all", help="Closed alarms, too.")] = False,
 ) -> Shown:
     """Show the open alarms, the most urgent first."""
     path = ("alarms",) if asset is None else ("assets", asset, "alarms")
@@ -73,9 +82,9 @@ def rules(
     service: Service,
     asset: AssetName,
     file: Annotated[
-        Path | None, typer.Option("--set", help="File of rules (TOML) that the asset is to have from now on.")
+        Path | None, Option("--set", help="File of rules (TOML) that the asset is to have from now on.")
     ] = None,
-    by: Annotated[str | None, typer.Option(help="Your name; with --set.", envvar="GEAR_TWIN_NAME")] = None,
+    by: Annotated[str | None, Option(help="Your name; with --set.", envvar="GEAR_TWIN_NAME")] = None,
     note: Done = "",
 ) -> Shown:
     """Show the alarm rules of an asset with the limits learned so far, or set them from a file."""
@@ -113,32 +122,21 @@ def list_effects(service: Service, asset: Every = None) -> Shown:
     return Shown(found, lambda: [line for name in found for line in effect_lines(name, found[name])])
 
 
-@effects.command()
-@asking
-def accept(service: Service, names: Names, by: By = None, note: Why = None) -> Shown:
-    """Confirm an effect: it stays, its size may still be refined."""
-    return _decided(service, names, "accept", by, note)
+def _deciding(verb: str, text: str) -> None:
+    @asking
+    def decide(service: Service, names: Names, by: By = None, note: Why = None) -> Shown:
+        *before, name = names
+        if len(before) > 1:
+            raise InputError(f"{' '.join(names)}: one effect at a time, after its asset's name")
+        asset = before[0] if before else service.only_asset()
+        answer = service.ask("assets", asset, "effects", name, body={"decision": verb, "by": by, "note": note})
+        return Shown(answer, lambda: f"{verb} {name} of {asset}: {DONE if answer['done'] else QUEUED}")
+
+    effects.command(name=verb, help=text)(decide)
 
 
-@effects.command()
-@asking
-def reject(service: Service, names: Names, by: By = None, note: Why = None) -> Shown:
-    """Remove an effect from the model; it is not added again until released."""
-    return _decided(service, names, "reject", by, note)
-
-
-@effects.command()
-@asking
-def pin(service: Service, names: Names, by: By = None, note: Why = None) -> Shown:
-    """Keep an effect with exactly these numbers, whatever later windows show."""
-    return _decided(service, names, "pin", by, note)
-
-
-@effects.command()
-@asking
-def release(service: Service, names: Names, by: By = None, note: Why = None) -> Shown:
-    """Let the data decide on an effect again."""
-    return _decided(service, names, "release", by, note)
+for _verb, _text in VERBS.items():
+    _deciding(_verb, _text)
 
 
 @effects.command()
@@ -147,29 +145,20 @@ def decisions(service: Service, asset: Only = None) -> Shown:
     """Show what people have decided on an asset's effects, oldest first."""
     name = asset or service.only_asset()
     found = service.ask("assets", name, "decisions")
-    return Shown(found, lambda: [decision_line(d) for d in found] or f"{name}: no decisions have been entered")
-
-
-def _decided(service: Service, names: list[str], verb: str, by: str | None, note: str | None) -> Shown:
-    *before, name = names
-    if len(before) > 1:
-        raise InputError(f"{' '.join(names)}: one effect at a time, after its asset's name")
-    asset = before[0] if before else service.only_asset()
-    answer = service.ask("assets", asset, "effects", name, body={"decision": verb, "by": by, "note": note})
-    return Shown(answer, lambda: f"{verb} {name} of {asset}: {DONE if answer['done'] else QUEUED}")
+    return Shown(found, lambda: listed(found, DECIDED) or f"{name}: no decisions have been entered")
 
 
 @asking
 def audit(
     service: Service,
     after: Annotated[
-        int | None, typer.Option(min=0, help="Only entries behind this number, oldest first; default: the newest.")
+        int | None, Option(min=0, help="Only entries behind this number, oldest first; default: the newest.")
     ] = None,
-    limit: Annotated[int, typer.Option(min=1, max=10_000, help="At most so many entries.")] = 100,
+    limit: Annotated[int, Option(min=1, max=10_000, help="At most so many entries.")] = 100,
 ) -> Shown:
     """Show the audit log of a running service: who changed what, when and why. Needs the role administer."""
     found = service.ask("audit", limit=limit, after=after)
-    return Shown(found, lambda: [entry_line(entry) for entry in found] or "no entries")
+    return Shown(found, lambda: listed(found, AUDITED) or "no entries")
 
 
 # -- text ------------------------------------------------------------------------------------------------
@@ -216,28 +205,6 @@ def _learned(point: Mapping[str, Any]) -> str:
     where = " at ".join(part for part in (point["place"], ", ".join(at)) if part)
     limits = "" if point.get("watch") is None else f" (watch {point['watch']:.4g}, alarm {point['alarm']:.4g})"
     return f"{where}: {point['text']}{limits}"
-
-
-def decision_line(decision: Mapping[str, Any]) -> str:
-    """One decision in one line."""
-    from service.contract.base import iso_time
-
-    queued = "" if decision["done"] else f" ({QUEUED})"
-    by = f"  by {decision['by']}" if decision.get("by") else ""
-    note = f": {decision['note']}" if decision.get("note") else ""
-    return f"{moment(iso_time(decision['received_ns']))}  {decision['decision']} {decision['name']}{queued}{by}{note}"
-
-
-def entry_line(entry: Mapping[str, Any]) -> str:
-    """One entry of the audit log in one line."""
-    who = entry["name"] or {"local": "this computer"}.get(entry["kind"], entry["kind"])
-    role = f" ({entry['role']})" if entry["role"] else ""
-    where = f" from {entry['address']}" if entry["address"] else ""
-    asset = f" {entry['asset']}" if entry["asset"] else ""
-    what = ", ".join(f"{key} {value}" for key, value in entry["what"].items() if value not in (None, "", [], {}))
-    note = f"; {entry['note']}" if entry["note"] else ""
-    head = f"{entry['id']:>6}  {_second(entry['at'])}  {who}{role}{where}"
-    return f"{head}: {entry['action']}{asset}: {what}{note}: {entry['outcome']}"
 
 
 def _second(text: str | None) -> str:

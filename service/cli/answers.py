@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-import typer
+from typer import Argument, Option
 
 from service.cli.assessing import (
     Asset,
@@ -34,14 +33,8 @@ NEEDED = ("asset", "windows", "wear", "rul", "effects", "data_quality", "tracing
 RADII_MM = (0.5, 5000.0)  # of a wheel
 
 
-class Update(StrEnum):
-    """The method that sets the wear depth."""
-
-    fused = "fused"
-    rms = "rms"
-
-
-Source = Annotated[Path, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")]
+Update = Literal["fused", "rms"]  # the method that sets the wear depth
+Source = Annotated[Path, Argument(metavar="SOURCE", help="Recording (MCAP), or the JSON that `assess` wrote.")]
 
 
 @configured
@@ -51,27 +44,27 @@ def assess(
     rig: RigFile = None,
     update: Annotated[
         Update | None,
-        typer.Option(
+        Option(
             help="Method that sets the depth: transmission error (fused) or vibration level (rms); default: the "
             "setting, else fused."
         ),
     ] = None,
     no_trace: NoTrace = False,
     relation: Annotated[
-        Path | None, typer.Option(help="Relation of level and depth (from `relate`), for machines without a model.")
+        Path | None, Option(help="Relation of level and depth (from `relate`), for machines without a model.")
     ] = None,
     detectability: Annotated[
-        Path | None, typer.Option(help="What simulated healthy machines of the rig show (from `detectability`).")
+        Path | None, Option(help="What simulated healthy machines of the rig show (from `detectability`).")
     ] = None,
     false_alarm_rate: Annotated[
         float | None,
-        typer.Option(help="Share of campaigns of healthy machines in which an effect may be reported; default 0.01."),
+        Option(help="Share of campaigns of healthy machines in which an effect may be reported; default 0.01."),
     ] = None,
     asset: Asset = None,
     prefix: Prefix = None,
     mcap: Annotated[
         Path | None,
-        typer.Option(help="Write a copy of the recording with the results in it, and a layout file for Foxglove."),
+        Option(help="Write a copy of the recording with the results in it, and a layout file for Foxglove."),
     ] = None,
 ) -> Shown:
     """Evaluate a whole recording, as the service would: wear depth, remaining life, other effects."""
@@ -81,7 +74,7 @@ def assess(
 
     try:
         answer = assessed(
-            recording, rig, asset, prefix, update=None if update is None else update.value, trace=not no_trace,
+            recording, rig, asset, prefix, update=update, trace=not no_trace,
             relation=relation, detectability=detectability, false_alarm_rate=false_alarm_rate,
         )  # fmt: skip
     except Unassessable as error:
@@ -99,8 +92,7 @@ def assess(
 def report(
     source: Source,
     out: Annotated[
-        list[Path] | None,
-        typer.Option(help="Report to write, .html or .pdf; may be given twice. Default: print text."),
+        list[Path] | None, Option(help="Report to write, .html or .pdf; may be given twice. Default: print text.")
     ] = None,
     rig: RigFile = None,
     no_trace: NoTrace = False,
@@ -122,14 +114,14 @@ def report(
 @answering
 def diagnose(
     source: Source,
-    out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
+    out: Annotated[Path | None, Option(help="HTML page with figures to write.")] = None,
     rig: RigFile = None,
     baseline: Annotated[
-        Path | None, typer.Option(help="Healthy baseline to compare with, for machines without a model.")
+        Path | None, Option(help="Healthy baseline to compare with, for machines without a model.")
     ] = None,
     base_radii_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="Assumed base radii of pinion and gear in mm, for run-out in µm if the rig file has none."),
+        Option(help="Assumed base radii of pinion and gear in mm, for run-out in µm if the rig file has none."),
     ] = None,
     asset: Asset = None,
     prefix: Prefix = None,
@@ -221,26 +213,26 @@ def with_assumed_radii(answer: Mapping[str, Any], radii_mm: tuple[float, float])
 def what_if(
     service: Service,
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help="Recording (MCAP), or address of a service: http://HOST:PORT.")
+        str, Argument(metavar="SOURCE", help="Recording (MCAP), or address of a service: http://HOST:PORT.")
     ],
     duty: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="SPEED_HZ,TORQUE_NM[,SHARE]",
             help="An operating condition and its share of the running time; may be repeated. Default: the present one.",
         ),
     ] = None,
-    until: Annotated[str | None, typer.Option(metavar="DATE", help="Date to reach, ISO 8601.")] = None,
-    hours: Annotated[float | None, typer.Option(help="Hours of operation to reach.")] = None,
+    until: Annotated[str | None, Option(metavar="DATE", help="Date to reach, ISO 8601.")] = None,
+    hours: Annotated[float | None, Option(help="Hours of operation to reach.")] = None,
     depth: Annotated[
-        float | None, typer.Option(metavar="UM", help="Depth to reach in µm; default: the rig file's end of life.")
+        float | None, Option(metavar="UM", help="Depth to reach in µm; default: the rig file's end of life.")
     ] = None,
     hours_per_day: Annotated[
-        float | None, typer.Option(help="Running time per day; default: the rig file's, or as observed.")
+        float | None, Option(help="Running time per day; default: the rig file's, or as observed.")
     ] = None,
     rig: RigFile = None,
     no_trace: NoTrace = False,
-    asset: Annotated[str | None, typer.Option(help="The asset, if there is more than one.")] = None,
+    asset: Annotated[str | None, Option(help="The asset, if there is more than one.")] = None,
     prefix: Prefix = None,
 ) -> Shown:
     """Remaining life under another duty, and the probability of reaching a date."""

@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer import Argument, Option
 
-Prefix = Annotated[
-    str | None, typer.Option(help="First part of all keys and topics; default: the setting, else gearbox.")
-]
-JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-]
-Recording = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (MCAP).")]
-RigFile = Annotated[Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")]
-Asset = Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")]
-NoTrace = Annotated[bool, typer.Option("--no-trace", help="Model wear alone: do not search for other effects.")]
-Data = Annotated[Path | None, typer.Option(help="Data directory of the service; default: .gear-twin.")]
+Prefix = Annotated[str | None, Option(help="First part of all keys and topics; default: the setting, else gearbox.")]
+JsonFile = Annotated[Path | None, Option("--json", help="Write the answer as JSON to this file; - is standard output.")]
+Recording = Annotated[Path, Argument(metavar="RECORDING", help="Recording (MCAP).")]
+RigFile = Annotated[Path | None, Option("--rig", help="Rig file; default: the one attached to the recording.")]
+Asset = Annotated[str | None, Option(help="The asset, if a recording contains several.")]
+NoTrace = Annotated[bool, Option("--no-trace", help="Model wear alone: do not search for other effects.")]
+Data = Annotated[Path | None, Option(help="Data directory of the service; default: .gear-twin.")]
 
 
 class Shown(NamedTuple):
@@ -78,13 +75,7 @@ def answering(command: Callable[..., Shown]) -> Callable[..., Any]:
     return with_options(command, {"json": (JsonFile, None)}, run)
 
 
-def assessed(
-    recording: Path,
-    rig: Path | None,
-    asset: str | None,
-    prefix: str | None,
-    **given: Any,
-) -> dict[str, Any]:
+def assessed(recording: Path, rig: Path | None, asset: str | None, prefix: str | None, **given: Any) -> dict[str, Any]:
     """An assessment, with its progress and one line for each fault of the data on standard error.
 
     given  as in `service.runtime.by_settings.assess_by_settings`
@@ -101,6 +92,20 @@ def assessed(
     for line in warnings(recording, answer):
         tell(line)
     return answer
+
+
+def asked(question: str, default: str | None, check: Callable[[str], Any]) -> str:
+    """What a person at a terminal answers; what does not pass the check is refused with the reason and asked again."""
+    from service.errors import InputError
+
+    while True:
+        given = str(typer.prompt(question, default=default or "", show_default=default is not None))
+        try:
+            check(given)
+        except InputError as error:
+            typer.echo(str(error), err=True)
+            continue
+        return given
 
 
 def tell(line: str | None) -> None:

@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from service.cli.assessing import Shown
 from service.cli.config import configured
 from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking
 from service.errors import InputError
-from service.report.words import moment, table
+from service.report.words import listed, moment, table
 
 app = typer.Typer(no_args_is_help=True, help="List the machines of a running service; create, change, rename, retire.")
 
-NewName = Annotated[str, typer.Argument(metavar="NAME", help="Its new name: letters, digits, '_', '-', '.'.")]
-Note = Annotated[str | None, typer.Option(help="What was done, and why.")]
-CHANGED = ("by", "at", "sensor", "revolutions", "count", "name", "note")  # what is told of a change
-
-
-class Kind(StrEnum):
-    """What people enter for a machine."""
-
-    gears_replaced = "gears_replaced"
-    sensor_moved = "sensor_moved"
-    oil_changed = "oil_changed"
-    counter_reset = "counter_reset"
-    reassembled = "reassembled"
-    other_machine = "other_machine"
-    ignore = "ignore"
+Kind = Literal[
+    "gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled", "other_machine", "ignore"
+]  # what people enter for a machine
+NewName = Annotated[str, Argument(metavar="NAME", help="Its new name: letters, digits, '_', '-', '.'.")]
+Note = Annotated[str | None, Option(help="What was done, and why.")]
+CHANGED = "received kind done by at sensor revolutions count name note"  # what is told of a change
 
 
 @app.command(name="list")
@@ -47,7 +38,7 @@ def list_(service: Service) -> Shown:
 def create(
     service: Service,
     asset: AssetName,
-    rig: Annotated[Path | None, typer.Option(help="Rig file of the machine.")] = None,
+    rig: Annotated[Path | None, Option(help="Rig file of the machine.")] = None,
     by: By = None,
     note: Note = None,
 ) -> Shown:
@@ -73,7 +64,7 @@ def adopt(
     service: Service,
     asset: AssetName,
     rig: Annotated[
-        str | None, typer.Option(metavar="DIGEST", help="Use the rig file that is offered for it, by its digest.")
+        str | None, Option(metavar="DIGEST", help="Use the rig file that is offered for it, by its digest.")
     ] = None,
     by: By = None,
     note: Note = None,
@@ -95,9 +86,9 @@ def dismiss(service: Service, asset: AssetName, by: By = None, note: Note = None
 @asking
 def rig(
     service: Service,
-    asset: Annotated[str | None, typer.Argument(metavar="[ASSET]", help="The asset; default: all.")] = None,
-    accept: Annotated[str | None, typer.Option(metavar="DIGEST", help="Use this proposed rig file.")] = None,
-    reject: Annotated[str | None, typer.Option(metavar="DIGEST", help="Keep the present one.")] = None,
+    asset: Annotated[str | None, Argument(metavar="[ASSET]", help="The asset; default: all.")] = None,
+    accept: Annotated[str | None, Option(metavar="DIGEST", help="Use this proposed rig file.")] = None,
+    reject: Annotated[str | None, Option(metavar="DIGEST", help="Keep the present one.")] = None,
     by: By = None,
     note: Note = None,
 ) -> Shown:
@@ -120,21 +111,21 @@ def rig(
 def change(
     service: Service,
     asset: AssetName,
-    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
+    kind: Annotated[Kind, Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
     by: By = None,
     note: Note = None,
-    at: Annotated[str | None, typer.Option(help="When it was made, ISO 8601; kept as it is given.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="sensor_moved: the accelerometer.")] = None,
+    at: Annotated[str | None, Option(help="When it was made, ISO 8601; kept as it is given.")] = None,
+    sensor: Annotated[str | None, Option(help="sensor_moved: the accelerometer.")] = None,
     revolutions: Annotated[
         float | None,
-        typer.Option(help="gears_replaced: the encoder's count then; counter_reset: revolutions since new then."),
+        Option(help="gears_replaced: the encoder's count then; counter_reset: revolutions since new then."),
     ] = None,
-    count: Annotated[float | None, typer.Option(help="counter_reset: what it was set to, in turns.")] = None,
-    name: Annotated[str | None, typer.Option(help="other_machine: the new asset's name.")] = None,
+    count: Annotated[float | None, Option(help="counter_reset: what it was set to, in turns.")] = None,
+    name: Annotated[str | None, Option(help="other_machine: the new asset's name.")] = None,
 ) -> Shown:
     """Enter a change of the machine, or answer the question about its data."""
     given: dict[str, Any] = {"by": by, "note": note, "at": at, "sensor": sensor, "revolutions": revolutions}
-    return _changed(service, asset, kind.value, **given, count=count, name=name)
+    return _changed(service, asset, kind, **given, count=count, name=name)
 
 
 @app.command()
@@ -142,7 +133,7 @@ def change(
 def changes(service: Service, asset: AssetName) -> Shown:
     """Show what people have changed on an asset."""
     found = service.ask("assets", asset, "changes")
-    return Shown(found, lambda: [change_line(c) for c in found] or f"{asset}: no changes have been entered")
+    return Shown(found, lambda: listed(found, CHANGED) or f"{asset}: no changes have been entered")
 
 
 @app.command()
@@ -178,13 +169,13 @@ def baseline(
     service: Service,
     asset: AssetName,
     recordings: Annotated[
-        list[Path] | None, typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine to learn from.")
+        list[Path] | None, Argument(metavar="RECORDING…", help="Recordings of the healthy machine to learn from.")
     ] = None,
     windows: Annotated[
-        str | None, typer.Option(help="Learn from windows of the asset whose signals are kept, such as 0-5,8.")
+        str | None, Option(help="Learn from windows of the asset whose signals are kept, such as 0-5,8.")
     ] = None,
-    add: Annotated[bool, typer.Option("--add", help="With --windows: the recordings so far take part, too.")] = False,
-    remove: Annotated[bool, typer.Option("--remove", help="Leave the asset without a baseline of its own.")] = False,
+    add: Annotated[bool, Option("--add", help="With --windows: the recordings so far take part, too.")] = False,
+    remove: Annotated[bool, Option("--remove", help="Leave the asset without a baseline of its own.")] = False,
     by: By = None,
     note: Note = None,
 ) -> Shown:
@@ -277,10 +268,3 @@ def proposal_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
         ]
         lines += [f"  {line}" for line in table([(key, f"{before} -> {after}") for key, before, after in rows])]
     return [*lines, "gear-twin assets rig ASSET --accept DIGEST uses one; --reject DIGEST keeps the present one"]
-
-
-def change_line(change: Mapping[str, Any]) -> str:
-    """One change in one line."""
-    said = "; ".join(f"{name} {change[name]}" for name in CHANGED if change.get(name) is not None)
-    done = "" if change["done"] else f" ({QUEUED})"
-    return f"{moment(change['received'])}  {change['kind'].replace('_', ' ')}{done}  {said}".rstrip()

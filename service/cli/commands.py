@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 from typer.core import TyperGroup
 
 from service.cli import alarms, answers, assets, importing, keeping, learning, recordings, rest, setup, signals
@@ -47,9 +48,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def gear_twin(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = (
-        False
-    ),
+    version: Annotated[bool, Option("--version", callback=_version, is_eager=True, help="Show the version.")] = (False),
 ) -> None:
     """Digital twin of gear wear: vibration in, wear depth and remaining life out."""
 
@@ -57,15 +56,13 @@ def gear_twin(
 def serve(
     listen: Listen = None,
     connect: Connect = None,
-    http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
-    rig: Annotated[Path | None, typer.Option(help="Rig file of all assets that no other names.")] = None,
+    http: Annotated[str | None, Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
+    rig: Annotated[Path | None, Option(help="Rig file of all assets that no other names.")] = None,
     data: Data = None,
-    update: Annotated[Update | None, typer.Option(help="Method that sets the depth; default: fused.")] = None,
+    update: Annotated[Update | None, Option(help="Method that sets the depth; default: fused.")] = None,
     no_trace: NoTrace = False,
-    baseline: Annotated[Path | None, typer.Option(help="Healthy baseline, for machines without a model.")] = None,
-    relation: Annotated[
-        Path | None, typer.Option(help="Relation of level and depth, for machines without a model.")
-    ] = None,
+    baseline: Annotated[Path | None, Option(help="Healthy baseline, for machines without a model.")] = None,
+    relation: Annotated[Path | None, Option(help="Relation of level and depth, for machines without a model.")] = None,
     prefix: Prefix = None,
     config: ConfigFile = None,
 ) -> int:
@@ -86,13 +83,13 @@ def serve(
 @configured
 def demo(
     exit_after: Annotated[
-        bool, typer.Option("--exit", help="End after the summary; the exit status is 1 if anything failed.")
+        bool, Option("--exit", help="End after the summary; the exit status is 1 if anything failed.")
     ] = False,
     http: Annotated[
         str | None,
-        typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080, or a free port if it is in use."),
+        Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080, or a free port if it is in use."),
     ] = None,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page in a browser.")] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="Do not open the page in a browser.")] = False,
 ) -> int:
     """Start the service, replay a healthy and a faulty machine into it, and print what it says of them."""
     from service.runtime.demo import run

@@ -8,13 +8,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Option
 
 from service.cli.assessing import Shown, with_options
 
-ConfigFile = Annotated[
-    Path | None, typer.Option("--config", help="Configuration file (TOML).", envvar="GEAR_TWIN_CONFIG")
-]
+ConfigFile = Annotated[Path | None, Option("--config", help="Configuration file (TOML).", envvar="GEAR_TWIN_CONFIG")]
 
 
 def configured(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -45,9 +43,7 @@ def _file_in_use(config: Path | None) -> Iterator[None]:
 
 def config(
     config: ConfigFile = None,
-    example: Annotated[
-        bool, typer.Option("--example", help="Print a commented file with every setting instead.")
-    ] = False,
+    example: Annotated[bool, Option("--example", help="Print a commented file with every setting instead.")] = False,
 ) -> Shown:
     """Print the settings in effect, each with where it comes from; secrets are masked."""
     from service.configuration.load import load, origins

@@ -10,9 +10,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from service.cli.assessing import JsonFile, Prefix, prefix_of, tell
+from service.cli.assessing import JsonFile, Prefix, asked, prefix_of, tell
 from service.cli.config import configured
 from service.cli.show import progress_bar
 from service.errors import InputError
@@ -21,11 +21,10 @@ from service.json_text import write_text, wrote_json
 GUESSING = "With --guess"
 Started = Annotated[
     str | None,
-    typer.Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
+    Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
 ]
 Zone = Annotated[
-    str | None,
-    typer.Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False),
+    str | None, Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False)
 ]
 
 
@@ -33,15 +32,15 @@ Zone = Annotated[
 def import_(
     mapping: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="MAPPING", help="Mapping file (TOML): which column is which channel; a data file with --guess."
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="MCAP file to write.", show_default=False)] = None,
-    source: Annotated[Path | None, typer.Option(help="Data file instead of the one that the mapping names.")] = None,
+    out: Annotated[Path | None, Option(help="MCAP file to write.", show_default=False)] = None,
+    source: Annotated[Path | None, Option(help="Data file instead of the one that the mapping names.")] = None,
     age: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Age of the gears when the file begins: new, 5000 rev (revolutions), 1200 h (hours run), or unknown; "
             "default: the mapping's, of its own file.",
             show_default=False,
@@ -52,38 +51,36 @@ def import_(
     prefix: Prefix = None,
     json: JsonFile = None,
     guess: Annotated[
-        bool, typer.Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
+        bool, Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Import at once, into NAME.mcap without --out.", rich_help_panel=GUESSING)
+        bool, Option("--yes", help="Import at once, into NAME.mcap without --out.", rich_help_panel=GUESSING)
     ] = False,
     teeth: Annotated[
-        str | None, typer.Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
+        str | None, Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
     ] = None,
-    speed: Annotated[
-        str | None, typer.Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)
-    ] = None,
+    speed: Annotated[str | None, Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)] = None,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
+        Path | None, Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Sample rate in Hz, of a file without a time column.", min=0.0, rich_help_panel=GUESSING),
+        Option(help="Sample rate in Hz, of a file without a time column.", min=0.0, rich_help_panel=GUESSING),
     ] = None,
     tachometer: Annotated[
-        str | None, typer.Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
+        str | None, Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
     ] = None,
     pulses_per_rev: Annotated[
-        int, typer.Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
+        int, Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
     ] = 1,
     asset: Annotated[
-        str | None, typer.Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
+        str | None, Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
     ] = None,
     write: Annotated[
-        Path | None, typer.Option(help="Mapping file to write; default: NAME.toml.", rich_help_panel=GUESSING)
+        Path | None, Option(help="Mapping file to write; default: NAME.toml.", rich_help_panel=GUESSING)
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace a mapping file that is there.", rich_help_panel=GUESSING)
+        bool, Option("--force", help="Replace a mapping file that is there.", rich_help_panel=GUESSING)
     ] = False,
 ) -> None:
     """Convert a data file (CSV, MAT, WAV, TDMS, HDF5, …) into a recording."""
@@ -113,7 +110,7 @@ def _asked_age(yes: bool) -> str | None:
     if yes or not sys.stdin.isatty():
         return None
     question = "Age of the gears when the file begins (new / such as 5000 rev or 1200 h / unknown)"
-    return _asked(question, "unknown", lambda given: age_of("age", given, speed_hz=1.0))
+    return asked(question, "unknown", lambda given: age_of("age", given, speed_hz=1.0))
 
 
 def _zone_asked() -> Callable[[str], str] | None:
@@ -122,7 +119,7 @@ def _zone_asked() -> Callable[[str], str] | None:
 
     if not sys.stdin.isatty():
         return None
-    return lambda said: _asked(f"{said}. Its zone (such as Europe/Berlin or +01:00)", "UTC", zone_of)
+    return lambda said: asked(f"{said}. Its zone (such as Europe/Berlin or +01:00)", "UTC", zone_of)
 
 
 def _zone_of(began: datetime | None, data: Path, ask: Callable[[str], str] | None) -> str | None:
@@ -132,18 +129,6 @@ def _zone_of(began: datetime | None, data: Path, ask: Callable[[str], str] | Non
     if began is None or began.tzinfo is not None or ask is None:
         return None
     return ask(without_zone(str(data), began))
-
-
-def _asked(question: str, default: str, check: Callable[[str], Any]) -> str:
-    """An answer that passes a check, however often it takes."""
-    while True:
-        given = str(typer.prompt(question, default=default))
-        try:
-            check(given)
-        except InputError as error:
-            typer.echo(str(error), err=True)
-            continue
-        return given
 
 
 def _stem(path: Path) -> str:
@@ -247,14 +232,7 @@ def _print_proposal(data: Any, proposal: Any) -> None:
 
 
 def _imported(
-    mapping: Path,
-    out: Path,
-    source: Path | None,
-    prefix: str,
-    age: str | None,
-    dated: dict[str, Any],
-    *,
-    quiet: bool,
+    mapping: Path, out: Path, source: Path | None, prefix: str, age: str | None, dated: dict[str, Any], *, quiet: bool
 ) -> dict[str, Any]:
     from service.files.import_recording import UNKNOWN_AGE, import_recording
 

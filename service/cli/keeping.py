@@ -6,39 +6,35 @@ import re
 import time
 from dataclasses import asdict
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from service.access.roles import Role
 from service.cli.assessing import Data, Shown, answering, settings_of, tell
 from service.cli.config import ConfigFile
 from service.errors import InputError, StoreError
+from service.report.words import listed
 
 keys = typer.Typer(no_args_is_help=True, help="Make, list and revoke the API keys of a service.")
 
-Which = Annotated[str, typer.Argument(metavar="KEY", help="Name or identifier of the key, as listed.")]
-Archive = Annotated[Path, typer.Argument(metavar="ARCHIVE", help="Archive of a backup (ZIP).")]
+Which = Annotated[str, Argument(metavar="KEY", help="Name or identifier of the key, as listed.")]
+Archive = Annotated[Path, Argument(metavar="ARCHIVE", help="Archive of a backup (ZIP).")]
+What = Literal["windows", "events"]  # can be exported
+KEYS = "id state role name created expires"
 DAY = 86_400.0  # [s]
 EARLIEST, LATEST = -(2**63), 2**63 - 1
-
-
-class What(StrEnum):
-    """What can be exported."""
-
-    windows = "windows"
-    events = "events"
 
 
 @keys.command()
 @answering
 def add(
-    name: Annotated[str, typer.Option(help="Name of the person or program; it signs what is done with the key.")],
-    role: Annotated[Role, typer.Option(help="What may be done with it; each role includes the one before.")],
+    name: Annotated[str, Option(help="Name of the person or program; it signs what is done with the key.")],
+    role: Annotated[Role, Option(help="What may be done with it; each role includes the one before.")],
     expires: Annotated[
-        str | None, typer.Option(metavar="DATE|DAYSd", help="When it ends, ISO 8601 or as 90d; default: never.")
+        str | None, Option(metavar="DATE|DAYSd", help="When it ends, ISO 8601 or as 90d; default: never.")
     ] = None,
     data: Data = None,
     config: ConfigFile = None,
@@ -66,14 +62,7 @@ def list_(data: Data = None, config: ConfigFile = None) -> Shown:
         }
         for key in _store(data, config).all()
     ]
-    return Shown(
-        found, lambda: [_key_line(key) for key in found] or "no keys: only clients of this computer are let in"
-    )
-
-
-def _key_line(key: dict[str, Any]) -> str:
-    until = f", expires {key['expires']}" if key["expires"] else ""
-    return f"{key['id']}  {key['state']:8}{key['role']:12}{key['name']}, made {key['created']}{until}"
+    return Shown(found, lambda: listed(found, KEYS) or "no keys: only clients of this computer are let in")
 
 
 @keys.command()
@@ -131,7 +120,7 @@ def _place(data: Path | None, config: Path | None) -> tuple[Path, Path | str]:
 @answering
 def backup(
     archive: Archive,
-    signals: Annotated[bool, typer.Option("--signals", help="Back up the raw signals, too.")] = False,
+    signals: Annotated[bool, Option("--signals", help="Back up the raw signals, too.")] = False,
     data: Data = None,
     config: ConfigFile = None,
 ) -> Shown:
@@ -185,13 +174,11 @@ def check(data: Data = None, config: ConfigFile = None) -> Shown:
 
 
 def export(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv, .jsonl or .parquet.")],
-    what: Annotated[What, typer.Option(help="What is written, a row each.")] = What.windows,
-    asset: Annotated[list[str] | None, typer.Option(help="An asset; may be repeated; default: all.")] = None,
-    begin: Annotated[
-        str | None, typer.Option("--from", metavar="TIME", help="Windows from this time on, ISO 8601.")
-    ] = None,
-    end: Annotated[str | None, typer.Option("--to", metavar="TIME", help="Windows before this time, ISO 8601.")] = None,
+    out: Annotated[Path, Argument(metavar="OUT", help="File to write: .csv, .jsonl or .parquet.")],
+    what: Annotated[What, Option(help="What is written, a row each.")] = "windows",
+    asset: Annotated[list[str] | None, Option(help="An asset; may be repeated; default: all.")] = None,
+    begin: Annotated[str | None, Option("--from", metavar="TIME", help="Windows from this time on, ISO 8601.")] = None,
+    end: Annotated[str | None, Option("--to", metavar="TIME", help="Windows before this time, ISO 8601.")] = None,
     data: Data = None,
     config: ConfigFile = None,
 ) -> None:
@@ -205,7 +192,7 @@ def export(
     form = out.suffix.removeprefix(".")
     if form not in FORMS:
         raise InputError(f"{out}: must end with {', '.join(f'.{name}' for name in FORMS)}")
-    if what is What.events and (begin or end):
+    if what == "events" and (begin or end):
         raise InputError("--from and --to choose windows; events are exported whole")
     _, where = _place(data, config)
     demand_present(where)
@@ -216,8 +203,8 @@ def export(
             if name not in labels.values():
                 raise InputError(f"there is no asset {name}; there are {', '.join(sorted(labels.values())) or 'none'}")
         assets = {own: label for own, label in labels.items() if not asset or label in asset}
-        count = write(store, out, form, what=what.value, assets=assets, **span)
-    tell(f"{out}: {count} {what.value}")
+        count = write(store, out, form, what=what, assets=assets, **span)
+    tell(f"{out}: {count} {what}")
 
 
 def _moment(text: str | None, option: str, default: int) -> int:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from service.cli.assessing import Asset, Prefix, Recording, RigFile, Shown, answering, assessed, prefix_of, windowing
 from service.cli.config import configured
@@ -33,7 +33,7 @@ def calibrate(
     recording: Recording,
     rig: RigFile = None,
     unworn: Annotated[
-        int, typer.Option(min=1, help="Number of measurement windows, from the first, that are taken as unworn.")
+        int, Option(min=1, help="Number of measurement windows, from the first, that are taken as unworn.")
     ] = 3,
     asset: Asset = None,
     prefix: Prefix = None,
@@ -80,8 +80,8 @@ def _fit(calibration: Mapping[str, Any]) -> list[str]:
 @configured
 @answering
 def baseline(
-    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
-    out: Annotated[Path, typer.Option(help="Baseline file to write.")],
+    recordings: Annotated[list[Path], Argument(metavar="RECORDING…", help="Recordings of the healthy machine.")],
+    out: Annotated[Path, Option(help="Baseline file to write.")],
     rig: RigFile = None,
     prefix: Prefix = None,
 ) -> Shown:
@@ -99,15 +99,13 @@ def baseline(
 
 @answering
 def relate(
-    series: Annotated[
-        Path, typer.Argument(metavar="SERIES", help="Series file (TOML): levels at measured wear depths.")
-    ],
+    series: Annotated[Path, Argument(metavar="SERIES", help="Series file (TOML): levels at measured wear depths.")],
     source: Annotated[
-        Path | None, typer.Option(help="Table of records (CSV) instead of the one that the series file names.")
+        Path | None, Option(help="Table of records (CSV) instead of the one that the series file names.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
-    relation: Annotated[Path | None, typer.Option(help="Relation file to write, for `serve --relation`.")] = None,
-    draws: Annotated[int, typer.Option(min=0, max=200, help="Number of draws of the estimated values.")] = 12,
+    out: Annotated[Path | None, Option(help="HTML page with figures to write.")] = None,
+    relation: Annotated[Path | None, Option(help="Relation file to write, for `serve --relation`.")] = None,
+    draws: Annotated[int, Option(min=0, max=200, help="Number of draws of the estimated values.")] = 12,
 ) -> Shown:
     """Calibrate the relation of vibration level and wear depth on measured depths, and test causes of its error."""
     from service.files import relation as relating
@@ -135,10 +133,10 @@ def relate(
 
 @answering
 def depths(
-    relation: Annotated[Path, typer.Argument(metavar="RELATION", help="Relation file (from `relate`).")],
-    table: Annotated[Path, typer.Argument(metavar="TABLE", help="Levels (CSV), a row a record, columns as `relate`.")],
-    delimiter: Annotated[str, typer.Option(help="Between the columns of the table.")] = ",",
-    out: Annotated[Path | None, typer.Option(help="CSV file to write.")] = None,
+    relation: Annotated[Path, Argument(metavar="RELATION", help="Relation file (from `relate`).")],
+    table: Annotated[Path, Argument(metavar="TABLE", help="Levels (CSV), a row a record, columns as `relate`.")],
+    delimiter: Annotated[str, Option(help="Between the columns of the table.")] = ",",
+    out: Annotated[Path | None, Option(help="CSV file to write.")] = None,
 ) -> Shown:
     """Wear depths of a table of vibration levels, by a relation of level and depth."""
     from service.files.level_table import as_csv, depths_of
@@ -154,24 +152,24 @@ def depths(
 
 @answering
 def detectability(
-    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).")],
+    rig: Annotated[Path, Argument(metavar="RIG", help="Rig file (TOML).")],
     false_alarm_rate: Annotated[
-        float, typer.Option(help="Share of campaigns of healthy machines in which an effect may be reported.")
+        float, Option(help="Share of campaigns of healthy machines in which an effect may be reported.")
     ] = 0.01,
-    speed_hz: Annotated[float | None, typer.Option(help="Speed of the pinion; default: the rig file's.")] = None,
-    torque_nm: Annotated[float | None, typer.Option(help="Torque on the pinion; default: the rig file's.")] = None,
+    speed_hz: Annotated[float | None, Option(help="Speed of the pinion; default: the rig file's.")] = None,
+    torque_nm: Annotated[float | None, Option(help="Torque on the pinion; default: the rig file's.")] = None,
     depth_um: Annotated[
-        float | None, typer.Option(help="Wear depth of the last window; default: a tenth of the end-of-life depth.")
+        float | None, Option(help="Wear depth of the last window; default: a tenth of the end-of-life depth.")
     ] = None,
-    windows: Annotated[int, typer.Option(min=4, max=60, help="Measurement windows of a campaign.")] = 6,
-    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="Length of a window.")] = 2.5,
+    windows: Annotated[int, Option(min=4, max=60, help="Measurement windows of a campaign.")] = 6,
+    seconds: Annotated[float, Option(min=0.5, max=60, help="Length of a window.")] = 2.5,
     without: Annotated[
-        list[str] | None, typer.Option(help=f"Channel that the machine lacks, of {', '.join(CHANNELS)}; repeatable.")
+        list[str] | None, Option(help=f"Channel that the machine lacks, of {', '.join(CHANNELS)}; repeatable.")
     ] = None,
-    healthy: Annotated[int, typer.Option(min=20, max=10_000, help="Healthy machines that are simulated.")] = 100,
-    machines: Annotated[int, typer.Option(min=1, max=100, help="Machines that are simulated for each effect.")] = 2,
-    processes: Annotated[int, typer.Option(min=1, help="Processes; default: as many as cores.")] = usable_cores(),
-    out: Annotated[Path | None, typer.Option(help="File to write, for `assess --detectability`.")] = None,
+    healthy: Annotated[int, Option(min=20, max=10_000, help="Healthy machines that are simulated.")] = 100,
+    machines: Annotated[int, Option(min=1, max=100, help="Machines that are simulated for each effect.")] = 2,
+    processes: Annotated[int, Option(min=1, help="Processes; default: as many as cores.")] = usable_cores(),
+    out: Annotated[Path | None, Option(help="File to write, for `assess --detectability`.")] = None,
 ) -> Shown:
     """Simulate machines of a rig file, and tell from which size each effect is found at a rate of false alarms."""
     from service.files.detectability import answer, save
@@ -184,13 +182,7 @@ def detectability(
         campaign = _campaign(known, speed_hz, torque_nm, depth_um, windows, seconds, without or [])
         with progress_bar("simulating") as bar, _mapping(processes) as mapped:
             found = study(
-                known,
-                campaign,
-                rate=false_alarm_rate,
-                healthy=healthy,
-                machines=machines,
-                mapped=mapped,
-                progress=bar,
+                known, campaign, rate=false_alarm_rate, healthy=healthy, machines=machines, mapped=mapped, progress=bar
             )
     except TwinError as error:
         raise InputError(f"{rig}: {error}") from None

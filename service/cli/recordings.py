@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from service.cli.assessing import Prefix, Recording, RigFile, Shown, answering, settings_of, tell
 from service.cli.config import ConfigFile
@@ -17,8 +18,8 @@ from service.errors import DeliveryError, InputError
 from service.json_text import write_text
 
 CLOCKS_DIFFER = 60.0  # by which a logger's clock may be ahead of this computer's [s]
-Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a service or router, such as tcp/127.0.0.1:7447.")]
-Listen = Annotated[list[str] | None, typer.Option(help="Endpoint at which to open a Zenoh router.")]
+Connect = Annotated[list[str] | None, Option(help="Endpoint of a service or router, such as tcp/127.0.0.1:7447.")]
+Listen = Annotated[list[str] | None, Option(help="Endpoint at which to open a Zenoh router.")]
 
 example = typer.Typer(
     no_args_is_help=True, help="Published cases computed again and compared with what their authors found."
@@ -31,23 +32,19 @@ def replay(
     connect: Connect = None,
     speed: Annotated[
         float,
-        typer.Option(
-            min=0.0, help="Factor on the recorded speed; 0: as fast as subscribers receive it, without pauses."
-        ),
+        Option(min=0.0, help="Factor on the recorded speed; 0: as fast as subscribers receive it, without pauses."),
     ] = 1.0,
     max_pause: Annotated[
-        float, typer.Option(min=0.0, help="Longest pause between frames that is kept, in seconds of the recording.")
+        float, Option(min=0.0, help="Longest pause between frames that is kept, in seconds of the recording.")
     ] = float("inf"),
-    wait: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for a router and a subscriber.")] = 30.0,
-    asset: Annotated[
-        str | None, typer.Option(help="Publish under this asset's name in place of the recording's.")
-    ] = None,
+    wait: Annotated[float, Option(min=0.1, help="Seconds to wait for a router and a subscriber.")] = 30.0,
+    asset: Annotated[str | None, Option(help="Publish under this asset's name in place of the recording's.")] = None,
     prefix: Prefix = None,
     recorded: Annotated[
-        str | None, typer.Option(metavar="PREFIX", help="First part of the recording's topics, where it is another.")
+        str | None, Option(metavar="PREFIX", help="First part of the recording's topics, where it is another.")
     ] = None,
     future: Annotated[
-        bool, typer.Option("--future", help="Take a recording that is dated in the future, such as a simulated one.")
+        bool, Option("--future", help="Take a recording that is dated in the future, such as a simulated one.")
     ] = False,
     config: ConfigFile = None,
 ) -> Shown:
@@ -82,14 +79,14 @@ def replay(
 
 @answering
 def record(
-    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
+    out: Annotated[Path, Option(help="MCAP file to write.", show_default=False)],
     connect: Connect = None,
     listen: Listen = None,
-    duration: Annotated[float, typer.Option(min=0.0, help="Stop after this many seconds; default: at Ctrl-C.")] = float(
+    duration: Annotated[float, Option(min=0.0, help="Stop after this many seconds; default: at Ctrl-C.")] = float(
         "inf"
     ),
     rig: RigFile = None,
-    description: Annotated[str, typer.Option(help="Text for the recording's metadata.")] = "recorded live",
+    description: Annotated[str, Option(help="Text for the recording's metadata.")] = "recorded live",
     prefix: Prefix = None,
     config: ConfigFile = None,
 ) -> Shown:
@@ -161,9 +158,9 @@ def record_live(
 
 @answering
 def simulate(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="Specification of the campaign (TOML).")],
-    out: Annotated[Path, typer.Option(help="MCAP file to write.", show_default=False)],
-    truth: Annotated[Path | None, typer.Option(help="File for the true wear and effects (JSON).")] = None,
+    spec: Annotated[Path, Argument(metavar="SPEC", help="Specification of the campaign (TOML).")],
+    out: Annotated[Path, Option(help="MCAP file to write.", show_default=False)],
+    truth: Annotated[Path | None, Option(help="File for the true wear and effects (JSON).")] = None,
 ) -> Shown:
     """Simulate a wear campaign into a recording, with an independent simulator."""
     from recordings import simulate_file
@@ -188,10 +185,10 @@ def examples() -> None:
 @example.command()
 @answering
 def misalignment(
-    out: Annotated[Path | None, typer.Option(help="HTML page with figures to write.")] = None,
+    out: Annotated[Path | None, Option(help="HTML page with figures to write.")] = None,
     draws: Annotated[
         int,
-        typer.Option(
+        Option(
             min=0, max=1000, help="Sets of all estimated parameters drawn at random, some 4 s each; 0: nominal alone."
         ),
     ] = 20,

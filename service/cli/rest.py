@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from service.cli.assessing import Shown, answering, with_options
 from service.cli.config import ConfigFile
@@ -22,9 +22,9 @@ WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
 ANY = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # addresses that listen on every interface, and that of this computer
 DONE, QUEUED = "done", "queued; applied after the current window"
 
-AssetName = Annotated[str, typer.Argument(metavar="ASSET", help="The asset.")]
-By = Annotated[str | None, typer.Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
-Url = Annotated[str, typer.Option("--url", "--service", help="Address of the service.", envvar="GEAR_TWIN_URL")]
+AssetName = Annotated[str, Argument(metavar="ASSET", help="The asset.")]
+By = Annotated[str | None, Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
+Url = Annotated[str, Option("--url", "--service", help="Address of the service.", envvar="GEAR_TWIN_URL")]
 CREDENTIALS = {
     "key": "API key or token that the service accepts; better given by the variable GEAR_TWIN_KEY.",
     "ca": "File of certificates (PEM) that the service's is verified by; default: the system's.",
@@ -32,7 +32,7 @@ CREDENTIALS = {
     "private_key": "File of its private key (PEM); default: GEAR_TWIN_PRIVATE_KEY.",
 }
 OPTIONS: dict[str, tuple[Any, Any]] = {
-    name: (Annotated[str | None, typer.Option(f"--{name.replace('_', '-')}", help=text)], None)
+    name: (Annotated[str | None, Option(f"--{name.replace('_', '-')}", help=text)], None)
     for name, text in CREDENTIALS.items()
 }
 
@@ -99,7 +99,7 @@ def ready(
     service: Service,
     url: Annotated[
         str | None,
-        typer.Option("--url", help="Address of the service; default: that of the settings.", envvar="GEAR_TWIN_URL"),
+        Option("--url", help="Address of the service; default: that of the settings.", envvar="GEAR_TWIN_URL"),
     ] = None,
     config: ConfigFile = None,
 ) -> None:

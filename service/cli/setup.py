@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from service.cli.assessing import Asset, Prefix, RigFile, Shown, answering, prefix_of, windowing
+from service.cli.assessing import Asset, Prefix, RigFile, Shown, answering, asked, prefix_of, windowing
 from service.cli.config import configured
 from service.errors import InputError
 from service.json_text import write_text
@@ -17,10 +18,10 @@ from service.report.words import table, wrapped
 @answering
 def init(
     answers: Annotated[
-        Path | None, typer.Option("--answers", help="Answers file (TOML) instead of questions.", show_default=False)
+        Path | None, Option("--answers", help="Answers file (TOML) instead of questions.", show_default=False)
     ] = None,
-    out: Annotated[Path, typer.Option(help="Directory for rig.toml and mapping.toml.")] = Path("."),
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    out: Annotated[Path, Option(help="Directory for rig.toml and mapping.toml.")] = Path("."),
+    force: Annotated[bool, Option("--force", help="Replace files that are there.")] = False,
 ) -> Shown:
     """Make a rig file and a mapping file from a few questions; says what the machine will be able to tell."""
     from service.setup.abilities import abilities, equipment_of, one_more
@@ -117,27 +118,20 @@ def _accelerometers() -> list[dict[str, Any]]:
 
 
 def _ask(question: Any) -> Any:
-    """One answer as a person types it; one that cannot be is refused with the reason and asked again."""
+    """One answer as a person types it."""
     from service.setup.answers import read_answer
 
     said = question.text + (f" ({' / '.join(question.choices)})" if question.choices else "")
     if question.example and question.default is None:
         said += f", such as {question.example}"
-    while True:
-        given = typer.prompt(said, default=question.default or "", show_default=question.default is not None)
-        try:
-            read_answer(question.key, question, given)
-        except InputError as error:
-            typer.echo(str(error), err=True)
-            continue
-        return given
+    return asked(said, question.default, lambda given: read_answer(question.key, question, given))
 
 
 @configured
 @answering
 def doctor(
     recording: Annotated[
-        Path | None, typer.Argument(metavar="[RECORDING]", help="Recording (MCAP).", show_default=False)
+        Path | None, Argument(metavar="[RECORDING]", help="Recording (MCAP).", show_default=False)
     ] = None,
     rig: RigFile = None,
     asset: Asset = None,
@@ -170,7 +164,7 @@ def _examined_lines(found: Any) -> list[str]:
 
 @answering
 def thresholds(
-    rig: Annotated[Path | None, typer.Option(help="Rig file: show the sizes on this machine, too.")] = None,
+    rig: Annotated[Path | None, Option(help="Rig file: show the sizes on this machine, too.")] = None,
 ) -> Shown:
     """Print every number that decides a verdict, with its unit, meaning and source."""
     from service.files.rig import load_rig

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.errors import InputError
+from service.json_text import write_bytes
 
 if TYPE_CHECKING:
     from service.report.content import Report
@@ -45,7 +46,4 @@ def write_report(answer: Mapping[str, Any], path: Path, machine: Mapping[str, An
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise InputError(f"{path}: a report is written as {' or '.join(f'.{name}' for name in FORMATS)}")
-    try:
-        path.write_bytes(rendered(report_of(answer, machine), kind))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+    write_bytes(path, rendered(report_of(answer, machine), kind))

@@ -8,58 +8,50 @@ from typing import Any
 
 from service.report.baseline import comparison_sentences, error_lines
 from service.report.content import report_of
+from service.report.html import bullets, page, paragraphs, table
 from service.report.plots import comparison_plots, diagnosis_plots, relation_plots
 from service.report.relation import TABLE, relation_sentences, relation_text
-from service.report.text import change, diagnosis_sentences, rival, summary_lines, turns
-from service.report.words import label, number, size
+from service.report.text import EFFECT_COLUMNS, change, diagnosis_sentences, effect_rows, summary_lines
 
 STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;font-size:13px}td,th{border-bottom:1px solid #ccc;padding:3px 8px;text-align:left}"
 )
 CONFIG = {"showSendToCloud": False, "displaylogo": False}  # no button that uploads a chart anywhere
-EFFECT_HEADS = (
-    "effect", "parameters", "since rev.", "ln evidence", "runner-up, lower by", "waveform error %", "RMS error %",
-    "depth µm",
-)  # fmt: skip
 
 
 def diagnosis_page(answer: Mapping[str, Any]) -> str:
     """The sentences, the evidence and the figures of a diagnosis."""
     causes = _causes(answer.get("unattributed_lines", ()))
-    log = _list("Changes of the model", (change(entry) for entry in answer["tracing"].get("log") or ()))
-    return _page(
+    effects = table("Effects", effect_rows(answer["effects"]), [EFFECT_COLUMNS])
+    log = bullets("Changes of the model", (change(entry) for entry in answer["tracing"].get("log") or ()))
+    return page(
         f"Diagnosis of {answer['asset']}",
-        f"{_paragraphs(diagnosis_sentences(answer))}{_effects(answer)}{causes}{_drawn(diagnosis_plots(answer))}"
-        f"{_list('Wear and life', summary_lines(report_of(answer), answer))}{log}",
+        STYLE,
+        f"{paragraphs(diagnosis_sentences(answer))}{effects}{causes}{_drawn(diagnosis_plots(answer))}"
+        f"{bullets('Wear and life', summary_lines(report_of(answer), answer))}{log}",
     )
 
 
 def comparison_page(answer: Mapping[str, Any]) -> str:
     """The sentences, the errors and the figures of a comparison with a healthy baseline."""
     errors = "\n".join(error_lines(answer["residual"]))
-    return _page(
+    return page(
         f"Diagnosis of {answer['asset']} compared with its healthy baseline",
-        f"{_paragraphs(comparison_sentences(answer))}<pre>{escape(errors)}</pre>"
+        STYLE,
+        f"{paragraphs(comparison_sentences(answer))}<pre>{escape(errors)}</pre>"
         f"{_causes(answer['unattributed_lines'])}{_drawn(comparison_plots(answer))}",
     )
 
 
 def relation_page(answer: Mapping[str, Any]) -> str:
     """The sentences, the table and the figures of a relation of level and depth."""
-    _, head, table = relation_text(answer).partition(TABLE)
-    return _page(
+    _, head, tested = relation_text(answer).partition(TABLE)
+    return page(
         f"Level against wear depth of {answer['asset']}",
-        f"{_paragraphs([answer['description'], *relation_sentences(answer)])}{_drawn(relation_plots(answer))}"
-        f'<pre style="overflow-x:auto">{escape(head + table)}</pre>',
-    )
-
-
-def _page(title: str, content: str) -> str:
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{escape(title)}</h1>{content}"
+        STYLE,
+        f"{paragraphs([answer['description'], *relation_sentences(answer)])}{_drawn(relation_plots(answer))}"
+        f'<pre style="overflow-x:auto">{escape(head + tested)}</pre>',
     )
 
 
@@ -71,39 +63,6 @@ def _drawn(plots: Iterable[Any]) -> str:
     )
 
 
-def _paragraphs(lines: Iterable[str]) -> str:
-    return "".join(f"<p>{escape(line)}</p>" for line in lines)
-
-
-def _list(title: str, lines: Iterable[str]) -> str:
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<h2>{title}</h2><ul>{items}</ul>" if items else ""
-
-
-def _table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table of cells that are text; empty where there is no row."""
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    head = "".join(f"<th>{head}</th>" for head in heads)
-    table = f'<div style="overflow-x:auto"><table><tr>{head}</tr>{body}</table></div>'
-    return f"<h2>{title}</h2>{table}" if body else ""
-
-
-def _effects(answer: Mapping[str, Any]) -> str:
-    rows = []
-    for e in answer["effects"]:
-        before, after = e["error_before"], e["error_after"]
-        errors = [
-            f"{number(before.get(key))} → {number(after.get(key))}" for key in ("waveform_percent", "rms_percent")
-        ]
-        sizes = "; ".join(f"{name} {size(value)}" for name, value in e["parameters"].items())
-        depth = f"{number(e['wear_depth_um_before'], 4)} → {number(e['wear_depth_um_after'], 4)}"
-        gain = turns(e["evidence"]["log_evidence"])
-        rows.append(
-            (label(e["name"]), sizes, turns(e["onset_revolutions"]), gain, rival(e["evidence"]), *errors, depth)
-        )
-    return _table("Effects", EFFECT_HEADS, rows)
-
-
 def _causes(strange: Iterable[Mapping[str, Any]]) -> str:
     """The causes tested on each spacing of lines."""
     out = ""
@@ -111,5 +70,5 @@ def _causes(strange: Iterable[Mapping[str, Any]]) -> str:
         causes = sorted(found["causes"], key=lambda c: not c["possible"])
         rows = [(c["name"], "possible" if c["possible"] else "fails", c["detail"]) for c in causes]
         title = f"Causes tested for {found['frequency_hz'] / found['part']:.3f} Hz"
-        out += _table(title, ("cause", "", "reason"), rows)
+        out += table(title, rows, [("cause", "", "reason")])
     return out

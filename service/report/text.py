@@ -11,7 +11,10 @@ from service.report.lines import energies, modulation_sentences, pair_sentences,
 from service.report.words import GAP, number, reason, size, spread, table, width
 
 STRONGEST = 6  # unexplained lines that are named
-EFFECT_COLUMNS = ("effect", "status", "since rev.", "ln evidence", "runner-up", "waveform %", "depth µm", "parameters")
+EFFECT_COLUMNS = (
+    "effect", "status", "since rev.", "ln evidence", "runner-up", "waveform %", "RMS %", "depth µm", "parameters",
+)  # fmt: skip
+ERROR_KEYS = ("waveform_percent", "rms_percent")
 SENSOR = (("RMS m/s²", "rms"), ("kurtosis", "kurtosis"), ("crest", "crest_factor"))
 GEAR = (
     ("turns", "turns"), ("FM0", "fm0"), ("FM4", "fm4"), ("NA4", "na4"), ("M6A", "m6a"), ("M8A", "m8a"),
@@ -82,21 +85,7 @@ def indicator_lines(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def effect_lines(asset: str, effects: Sequence[Mapping[str, Any]]) -> list[str]:
     """The effects in the twin of an asset as a table."""
-    rows = []
-    for e in effects:
-        evidence, before, after = e["evidence"], e["error_before"], e["error_after"]
-        rows.append(
-            (
-                e["name"],
-                e.get("status", ""),
-                turns(e["onset_revolutions"]),
-                turns(evidence["log_evidence"]),
-                rival(evidence),
-                f"{number(before.get('waveform_percent'))} → {number(after.get('waveform_percent'))}",
-                f"{number(e['wear_depth_um_before'])} → {number(e['wear_depth_um_after'])}",
-                ", ".join(f"{name} {size(value)}" for name, value in e["parameters"].items()),
-            )
-        )
+    rows = effect_rows(effects)
     return (
         [f"Effects in the twin of {asset}", *table(rows, EFFECT_COLUMNS)]
         if rows
@@ -104,14 +93,33 @@ def effect_lines(asset: str, effects: Sequence[Mapping[str, Any]]) -> list[str]:
     )
 
 
+def effect_rows(effects: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """What tables show of each effect, in the order of EFFECT_COLUMNS."""
+    rows = []
+    for e in effects:
+        evidence, before, after = e["evidence"], e["error_before"], e["error_after"]
+        next_best = f"{evidence['runner_up']} −{number(evidence.get('over_runner_up'))}"
+        rows.append(
+            (
+                e["name"],
+                e.get("status", ""),
+                turns(e["onset_revolutions"]),
+                turns(evidence["log_evidence"]),
+                next_best if evidence.get("runner_up") else "–",
+                *(
+                    f"{number(before.get(key))} → {number(after.get(key))}"
+                    for key in ("waveform_percent", "rms_percent")
+                ),
+                f"{number(e['wear_depth_um_before'])} → {number(e['wear_depth_um_after'])}",
+                ", ".join(f"{name} {size(value)}" for name, value in e["parameters"].items()),
+            )
+        )
+    return rows
+
+
 def turns(value: float | None) -> str:
     """A number of revolutions or nats, whole."""
     return "–" if value is None else f"{value:.0f}"
-
-
-def rival(evidence: Mapping[str, Any]) -> str:
-    """The next best explanation, and by how much it is lower."""
-    return f"{evidence['runner_up']} −{number(evidence.get('over_runner_up'))}" if evidence.get("runner_up") else "–"
 
 
 # -- diagnosis -------------------------------------------------------------------------------------------

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from math import degrees
 from typing import Any
 
@@ -13,6 +15,7 @@ PIPED = 170  # columns where the output is no terminal
 GAP = "  "  # between columns
 NARROWEST = 24  # characters that the last column is wrapped to
 UNITS = {"m": (1e6, "µm"), "kg·m": (1e6, "g·mm"), "rad": (degrees(1.0), "°"), "turn": (1.0, "of a turn")}
+MOMENT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d")
 COUNTED = 1e-3  # of a value: a spread that is smaller belongs to a count, such as the number of a tooth
 
 
@@ -128,3 +131,25 @@ def table(rows: Sequence[Sequence[object]], heads: Sequence[str] = (), right: Se
         lines.append(GAP.join([*aligned, first]).rstrip())
         lines += [" " * before + line for line in rest]
     return lines
+
+
+def listed(found: Sequence[Mapping[str, Any]], keys: str) -> list[str]:
+    """A list of the JSON as a table of these keys; columns that hold nothing are left out."""
+    columns = [(key, [_cell(key, entry.get(key)) for entry in found]) for key in keys.split()]
+    used = [(key, cells) for key, cells in columns if any(cells)]
+    heads = [key.removesuffix("_ns").replace("_", " ") for key, _ in used]
+    return table(list(zip(*(cells for _, cells in used), strict=True)), heads) if found else []
+
+
+def _cell(key: str, value: Any) -> str:
+    if key.endswith("_ns"):
+        value = datetime.fromtimestamp(value / 1e9, UTC).isoformat()
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {item}" for name, item in value.items() if item not in (None, "", [], {}))
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    if isinstance(value, str):
+        return moment(value) if MOMENT.match(value) else value
+    return "" if value is None else number(value, 9)

@@ -4,6 +4,7 @@ import pytest
 
 from service.report.content import report_of
 from service.report.text import answer_text, summary_lines, window_table
+from service.report.words import listed, table
 
 BAND = {"median": 520.0, "p05": 480.0, "p95": 560.0}
 RECORD = {
@@ -104,3 +105,27 @@ def test_a_life_without_an_upper_bound_is_stated_as_a_lower_bound_with_the_reaso
         "Remaining life: at least 120 h; 4,300,000 revolutions of the pinion (95 % confidence); the wear rate is not "
         "known yet"
     )
+
+
+def test_a_list_of_the_json_is_a_table_of_its_keys_without_those_that_hold_nothing():
+    found = [
+        {"at": "2026-01-01T10:00:00Z", "what": {"effect": "crack", "note": None}, "done": True, "count": 1200.5},
+        {"at": "2026-01-02T10:00:00Z", "what": {}, "done": False, "by": None, "count": None},
+    ]
+    assert listed(found, "at what done by count") == [
+        "at                    what          done  count",
+        "2026-01-01 10:00 UTC  effect crack  yes   1200.5",
+        "2026-01-02 10:00 UTC                no",
+    ]
+    assert listed([], "at") == []
+
+
+def test_columns_are_aligned_and_the_last_one_is_wrapped_where_there_is_little_room(monkeypatch):
+    monkeypatch.setattr("service.report.words.width", lambda: 40)
+    lines = table([("a", 1, "word " * 8), ("long", 10, "short")], ("name", "n", "text"), right=(1,))
+    assert (
+        lines[0] == "name   n  text"
+        and lines[1].startswith("a      1  word")
+        and lines[2].startswith(" " * 10 + "word")
+    )
+    assert lines[-1] == "long  10  short" and max(map(len, lines)) <= 40
