@@ -408,4 +408,4 @@ def test_assess_gives_the_depth_by_a_relation_file(tmp_path, rig, window, capsys
     said = capsys.readouterr().out
     assert "µm" in said and "does not state the sensor and band" in said
     assert run(["report", str(out)]) == 0
-    assert "life: not available" in capsys.readouterr().out.lower()
+    assert "Not available: remaining life" in capsys.readouterr().out
