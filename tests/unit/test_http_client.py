@@ -36,5 +36,5 @@ def test_an_answer_that_is_not_json_and_a_refusal_without_words_are_said(httpser
     client = HttpClient(httpserver.url_for(""), 5.0)
     with pytest.raises(OSError, match="not JSON"):
         client.json("/page")
-    with pytest.raises(ServiceError, match="(?i)service unavailable"):
+    with pytest.raises(ServiceError, match=r"(?i)service unavailable"):
         client.json("/none")
