@@ -22,13 +22,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from service.cli import relation_report as shown
-from service.cli.encoder_pair import sentences, with_assumed_radii
-from service.cli.non_gear import energies
+from service.cli.answers import with_assumed_radii
 from service.files import relation as relating
 from service.files.baseline import energy_of, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.series import load_series
+from service.report.lines import energies, pair_sentences
+from service.report.relation import relation_text
 from service.runtime.assess import assess
 from twin.baseline.comparison import pair_shafts
 from twin.baseline.diagnosis import WindowParts, diagnose
@@ -203,7 +203,7 @@ def encoders(folder: Path) -> None:
     for name in ("encoder/pinion", "encoder/gear", "senses"):
         print(f"{name}: {notes[name]}")
     answer = assess(out)
-    for line in sentences(with_assumed_radii(answer, RADII_MM)["pair"]):
+    for line in pair_sentences(with_assumed_radii(answer, RADII_MM)["pair"]):
         print(line)
 
 
@@ -215,7 +215,7 @@ def wear(folder: Path) -> None:
         series, DRAWS, lambda share, doing: print(f"{100 * share:3.0f} % {doing}", file=sys.stderr)
     )
     answer = relating.answer(series, tried)
-    print(shown.text(answer))
+    print(relation_text(answer))
 
 
 SETS = {"spectraquest": spectraquest, "modulation": modulation, "encoders": encoders, "wear": wear}

@@ -10,7 +10,8 @@ with gear_twin.Client("http://127.0.0.1:8080") as service:
         print(machine.asset, machine.status.level)
 """
 
-from gear_twin.client import Client, Event, ServiceError
+from gear_twin.client import Client, Event
 from gear_twin.result import Result, assess
+from service.access.http_client import ServiceError
 
 __all__ = ["Client", "Event", "Result", "ServiceError", "assess"]

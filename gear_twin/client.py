@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
-from urllib.parse import quote
-
-import httpx
 
 from gear_twin.result import Result
-from service.access.client_tls import client_context
+from service.access.http_client import HttpClient, path_of
 from service.contract.alarms import Alarm
 from service.contract.asset_life import AssetChange
 from service.contract.parts import AssetBaseline
@@ -32,18 +29,6 @@ PAGE = 1000  # windows or alarms that one call asks for
 LONG = 120.0  # for answers that are computed: a wear curve under a new condition takes seconds of a core [s]
 
 
-class ServiceError(Exception):
-    """The service refused a call, in its own words (RFC 9457).
-
-    status  of HTTP
-    detail  what was wrong, and what would be right
-    """
-
-    def __init__(self, status: int, detail: str) -> None:
-        super().__init__(f"{detail} (status {status})")
-        self.status, self.detail = status, detail
-
-
 @dataclass(frozen=True, slots=True)
 class Event:
     """One thing that happened to a machine: a window, an update, an effect, a fault of the data, …"""
@@ -54,16 +39,11 @@ class Event:
 
 
 class Client:
-    """Calls of one service, directly, whatever proxy the environment names; use it in a `with` block, or close it.
+    """Calls of one service, directly, whatever proxy the environment names.
 
-    url      address of the service, such as http://127.0.0.1:8080
-    timeout  how long an answer is waited for [s]
-    key      API key or token, where the service needs one; default: GEAR_TWIN_KEY
-    ca       file of certificates (PEM) that the service's is verified by; default: GEAR_TWIN_CA, else the system's
-    certificate, private_key  files of the certificate (PEM) to show the service, and of its key; default:
-        GEAR_TWIN_CERTIFICATE and GEAR_TWIN_PRIVATE_KEY, else none is shown
+    url, timeout, key, ca, certificate, private_key  as of `service.access.http_client.HttpClient`
 
-    InputError names the file that cannot be used.
+    ServiceError has the words of a refusal; OSError says that no service answers.
     """
 
     def __init__(
@@ -76,15 +56,7 @@ class Client:
         certificate: str | Path | None = None,
         private_key: str | Path | None = None,
     ) -> None:
-        key = key or os.environ.get("GEAR_TWIN_KEY")
-        given = (("CA", ca), ("CERTIFICATE", certificate), ("PRIVATE_KEY", private_key))
-        files = [str(file) if file else os.environ.get(f"GEAR_TWIN_{name}") or None for name, file in given]
-        self._http = httpx.Client(
-            base_url=url.rstrip("/"),
-            timeout=timeout,
-            headers={"Authorization": f"Bearer {key}"} if key else None,
-            transport=httpx.HTTPTransport(verify=client_context(*files) if any(files) else True),
-        )
+        self._http = HttpClient(url, timeout, key=key, ca=ca, certificate=certificate, private_key=private_key)
         self._long = max(timeout, LONG)
 
     def __enter__(self) -> Client:
@@ -94,8 +66,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Closes the connections."""
-        self._http.close()
+        """Ends the client; no connection stays open between two calls."""
 
     def assets(self) -> list[AssetSummary]:
         """All machines, each with its status."""
@@ -103,11 +74,11 @@ class Client:
 
     def asset(self, asset: str) -> Result:
         """The whole state of one machine, with its latest windows."""
-        return Result(self.get(_path(asset)))
+        return Result(self.get(path_of("assets", asset)))
 
     def windows(self, asset: str, after: int = -1) -> Iterator[WindowRecord]:
         """The records of all windows with an index above `after`, oldest first, read page by page."""
-        while page := self.get(f"{_path(asset)}/windows", after=after, limit=PAGE):
+        while page := self.get(path_of("assets", asset, "windows"), after=after, limit=PAGE):
             yield from (WindowRecord.model_validate(record, extra="ignore") for record in page)
             after = page[-1]["index"]
 
@@ -127,19 +98,21 @@ class Client:
             "std_um": float(std_um),
             "flank": flank,
         }
-        return InspectionAnswer.model_validate(self.post(f"{_path(asset)}/inspections", body), extra="ignore")
+        return InspectionAnswer.model_validate(self.post(path_of("assets", asset, "inspections"), body), extra="ignore")
 
     def decide(
         self, asset: str, effect: str, decision: Decision, *, by: str | None = None, note: str | None = None
     ) -> DecisionAnswer:
         """Decides on an effect that was found: it is accepted, rejected, pinned or released."""
-        body = {"decision": decision} | _given({"by": by, "note": note})
-        answer = self.post(f"{_path(asset)}/effects/{quote(effect, safe='')}", body)
+        body = {"decision": decision, "by": by, "note": note}
+        answer = self.post(path_of("assets", asset, "effects", effect), body)
         return DecisionAnswer.model_validate(answer, extra="ignore")
 
     def decisions(self, asset: str) -> list[DecisionAnswer]:
         """What people have decided on a machine's effects, oldest first."""
-        return [DecisionAnswer.model_validate(d, extra="ignore") for d in self.get(f"{_path(asset)}/decisions")]
+        return [
+            DecisionAnswer.model_validate(d, extra="ignore") for d in self.get(path_of("assets", asset, "decisions"))
+        ]
 
     # -- alarms --------------------------------------------------------------------------------------
 
@@ -148,7 +121,7 @@ class Client:
 
         closed  whether to list those that are closed, too
         """
-        path, after = "/v1/alarms" if asset is None else f"{_path(asset)}/alarms", 0
+        path, after = "/v1/alarms" if asset is None else path_of("assets", asset, "alarms"), 0
         state = "all" if closed else "open"
         while page := self.get(path, state=state, after=after, limit=PAGE):
             found = sorted((Alarm.model_validate(entry, extra="ignore") for entry in page), key=lambda alarm: alarm.id)
@@ -164,14 +137,14 @@ class Client:
         return self._sign(asset, alarm, "clear", by, note)
 
     def _sign(self, asset: str, alarm: int, verb: str, by: str, note: str) -> Alarm:
-        answer = self.post(f"{_path(asset)}/alarms/{alarm}/{verb}", {"by": by, "note": note})
+        answer = self.post(path_of("assets", asset, "alarms", alarm, verb), {"by": by, "note": note})
         return Alarm.model_validate(answer, extra="ignore")
 
     # -- life of a machine ---------------------------------------------------------------------------
 
     def changes(self, asset: str) -> list[AssetChange]:
         """What people have changed on a machine, oldest first."""
-        return [AssetChange.model_validate(c, extra="ignore") for c in self.get(f"{_path(asset)}/changes")]
+        return [AssetChange.model_validate(c, extra="ignore") for c in self.get(path_of("assets", asset, "changes"))]
 
     def change(
         self,
@@ -196,12 +169,12 @@ class Client:
         """
         given: dict[str, Any] = {"by": by, "note": note, "at": at, "sensor": sensor, "name": name}
         given |= {"revolutions": revolutions, "count": count}
-        answer = self.post(f"{_path(asset)}/changes", {"kind": kind} | _given(given))
+        answer = self.post(path_of("assets", asset, "changes"), {"kind": kind, **given})
         return AssetChange.model_validate(answer, extra="ignore")
 
     def baseline(self, asset: str) -> AssetBaseline:
         """A machine's own healthy baseline, and what it suffices for."""
-        return AssetBaseline.model_validate(self.get(f"{_path(asset)}/baseline"), extra="ignore")
+        return AssetBaseline.model_validate(self.get(path_of("assets", asset, "baseline")), extra="ignore")
 
     def learn_baseline(
         self,
@@ -213,27 +186,27 @@ class Client:
         note: str | None = None,
     ) -> AssetBaseline:
         """Learns a machine's baseline from windows of its own, in place of the earlier one or added to it."""
-        body = {"windows": list(windows), "add": add} | _given({"by": by, "note": note})
-        answer = self.post(f"{_path(asset)}/baseline/learn", body, timeout=self._long)
+        body = {"windows": list(windows), "add": add, "by": by, "note": note}
+        answer = self.post(path_of("assets", asset, "baseline", "learn"), body, timeout=self._long)
         return AssetBaseline.model_validate(answer, extra="ignore")
 
     def give_baseline(
         self, asset: str, file: str | Path, *, by: str | None = None, note: str | None = None
     ) -> AssetBaseline:
         """Gives a machine a baseline that `gear-twin baseline` has written."""
-        answer = self._http.put(
-            f"{_path(asset)}/baseline",
-            params=_given({"by": by, "note": note}),
-            content=Path(file).read_bytes(),
-            headers={"Content-Type": "application/octet-stream"},
+        answer = self._http.json(
+            path_of("assets", asset, "baseline"),
+            Path(file).read_bytes(),
+            method="PUT",
+            query={"by": by, "note": note},
             timeout=self._long,
         )
-        return AssetBaseline.model_validate(self._answered(answer).json(), extra="ignore")
+        return AssetBaseline.model_validate(answer, extra="ignore")
 
     def remove_baseline(self, asset: str, *, by: str | None = None) -> AssetBaseline:
         """Leaves a machine without a baseline of its own."""
-        answer = self._http.delete(f"{_path(asset)}/baseline", params=_given({"by": by}))
-        return AssetBaseline.model_validate(self._answered(answer).json(), extra="ignore")
+        answer = self._http.json(path_of("assets", asset, "baseline"), method="DELETE", query={"by": by})
+        return AssetBaseline.model_validate(answer, extra="ignore")
 
     # -- what if -------------------------------------------------------------------------------------
 
@@ -260,14 +233,16 @@ class Client:
         )
         date_text = until.isoformat() if isinstance(until, date) else until
         body = {"duty": points, "until": date_text, "hours": hours, "hours_per_day": hours_per_day}
-        answer = self.post(f"{_path(asset)}/what-if", _given(body | {"max_depth_um": max_depth_um}), timeout=self._long)
+        answer = self.post(
+            path_of("assets", asset, "what-if"), body | {"max_depth_um": max_depth_um}, timeout=self._long
+        )
         return WhatIf.model_validate(answer, extra="ignore")
 
     # -- signals -------------------------------------------------------------------------------------
 
     def signals(self, asset: str) -> Signals:
         """Which windows' raw signals are kept, and what can be looked at of the newest."""
-        return Signals.model_validate(self.get(f"{_path(asset)}/signals"), extra="ignore")
+        return Signals.model_validate(self.get(path_of("assets", asset, "signals")), extra="ignore")
 
     def signal(self, asset: str, window: int, view: str, channel: str | None = None, **query: Any) -> SignalView:
         """One view of a window, measured and, where there is a model, modelled.
@@ -276,25 +251,26 @@ class Client:
         channel  such as accel/y6; None for the reference accelerometer
         query    further options of the REST call, such as points=2000
         """
-        path = f"{_path(asset)}/windows/{window}/signals/{quote(view, safe='')}"
-        answer = self.get(path, timeout=self._long, **_given({"channel": channel}), **query)
+        path = path_of("assets", asset, "windows", window, "signals", view)
+        answer = self.get(path, timeout=self._long, channel=channel, **query)
         return SignalView.model_validate(answer, extra="ignore")
 
     def waterfall(self, asset: str, channel: str | None = None, **query: Any) -> Waterfall:
         """Spectra of all windows that are kept, one row a window."""
-        answer = self.get(f"{_path(asset)}/waterfall", timeout=self._long, **_given({"channel": channel}), **query)
+        answer = self.get(path_of("assets", asset, "waterfall"), timeout=self._long, channel=channel, **query)
         return Waterfall.model_validate(answer, extra="ignore")
 
     def indicators(self, asset: str, *quantities: str, **query: Any) -> Indicators:
         """Trends of condition indicators, levels, speed, torque and temperatures; all where none is named."""
-        answer = self.get(f"{_path(asset)}/indicators", quantity=list(quantities), **query)
+        answer = self.get(path_of("assets", asset, "indicators"), quantity=list(quantities), **query)
         return Indicators.model_validate(answer, extra="ignore")
 
     # -- all calls -----------------------------------------------------------------------------------
 
     def report(self, asset: str, kind: Literal["html", "pdf"] = "pdf") -> bytes:
         """The report for people, as a file's bytes."""
-        return self._answered(self._http.get(f"{_path(asset)}/report", params={"format": kind})).content
+        with self._http.opened(path_of("assets", asset, "report"), query={"format": kind}) as answer:
+            return answer.read()
 
     def events(self, asset: str, after: int | None = None) -> Iterator[Event]:
         """Events as they happen, for as long as the connection lasts.
@@ -302,12 +278,10 @@ class Client:
         after  id of the last event that is known; those since are sent first
         """
         headers = {"Accept": "text/event-stream"} | ({} if after is None else {"Last-Event-ID": str(after)})
-        with self._http.stream("GET", f"{_path(asset)}/events", headers=headers, timeout=None) as answer:
-            if answer.is_error:
-                answer.read()
-            self._answered(answer)
+        with self._http.opened(path_of("assets", asset, "events"), headers=headers, timeout=inf) as answer:
             fields: dict[str, str] = {}
-            for line in answer.iter_lines():
+            for raw in answer:
+                line = raw.decode("utf-8").rstrip("\r\n")
                 name, _, value = line.partition(":")
                 if line:
                     fields[name] = value.removeprefix(" ")
@@ -318,30 +292,8 @@ class Client:
 
     def get(self, path: str, *, timeout: float | None = None, **query: Any) -> Any:
         """The JSON that a path answers; ServiceError where it is refused."""
-        return self._answered(self._http.get(path, params=query, timeout=self._patience(timeout))).json()
+        return self._http.json(path, query=query, timeout=timeout)
 
     def post(self, path: str, body: Mapping[str, Any], *, timeout: float | None = None) -> Any:
         """The JSON that a path answers to a body; ServiceError where it is refused."""
-        return self._answered(self._http.post(path, json=dict(body), timeout=self._patience(timeout))).json()
-
-    def _patience(self, timeout: float | None) -> httpx.Timeout:
-        return self._http.timeout if timeout is None else httpx.Timeout(timeout)
-
-    @staticmethod
-    def _answered(answer: httpx.Response) -> httpx.Response:
-        if answer.is_error:
-            try:
-                detail = answer.json()["detail"]
-            except (ValueError, KeyError, TypeError):
-                detail = answer.text.strip()[:200] or answer.reason_phrase
-            raise ServiceError(answer.status_code, detail)
-        return answer
-
-
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What was given of optional values."""
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def _path(asset: str) -> str:
-    return f"/v1/assets/{quote(asset, safe='')}"
+        return self._http.json(path, dict(body), timeout=timeout)

@@ -76,9 +76,9 @@ class Result:
 
     def report(self, path: str | Path) -> None:
         """Writes the report for people, by the name's ending: .html or .pdf."""
-        from service.cli.report import write_report
+        from service.report import write_report
 
-        write_report(self.json, Path(path), None)
+        write_report(self.json, Path(path))
 
     def _repr_html_(self) -> str:
         """The state and the figures that matter, for a notebook."""

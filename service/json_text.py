@@ -81,8 +81,13 @@ def write_text(path: str | Path, text: str) -> None:
     if str(path) == "-":
         print(text)
         return
+    write_bytes(Path(path), f"{text}\n".encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes a file; InputError names one that cannot be written."""
     try:
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        path.write_bytes(content)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
 

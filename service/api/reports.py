@@ -43,4 +43,4 @@ def report(
     name = f"{asset}-{(snapshot.latest.get('index') or 0)}.{format}"
     shown = "inline" if format == "html" else "attachment"
     headers = {"Content-Disposition": f'{shown}; filename="{name}"', "Content-Security-Policy": DOCUMENT}
-    return Response(rendered(content, format), media_type=FORMATS[format][0], headers=headers)
+    return Response(rendered(content, format), media_type=FORMATS[format], headers=headers)

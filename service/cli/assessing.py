@@ -1,24 +1,81 @@
-"""What several commands share: an assessment with its progress, the settings, and where an answer goes."""
+"""What commands share: their options, the settings, an assessment with its progress, and where an answer goes."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer import Argument, Option
 
-Prefix = Annotated[
-    str | None, typer.Option(help="First part of all keys and topics; default: the setting, else gearbox.")
-]
+Prefix = Annotated[str | None, Option(help="First part of all keys and topics; default: the setting, else gearbox.")]
+JsonFile = Annotated[Path | None, Option("--json", help="Write the answer as JSON to this file; - is standard output.")]
+Recording = Annotated[Path, Argument(metavar="RECORDING", help="Recording (MCAP).")]
+RigFile = Annotated[Path | None, Option("--rig", help="Rig file; default: the one attached to the recording.")]
+Asset = Annotated[str | None, Option(help="The asset, if a recording contains several.")]
+NoTrace = Annotated[bool, Option("--no-trace", help="Model wear alone: do not search for other effects.")]
+Data = Annotated[Path | None, Option(help="Data directory of the service; default: .gear-twin.")]
 
 
-def assessed(
-    recording: Path,
-    rig: Path | None,
-    asset: str | None,
-    prefix: str | None,
-    **given: Any,
-) -> dict[str, Any]:
+class Shown(NamedTuple):
+    """What a command answers."""
+
+    data: Any  # as JSON; None: nothing
+    text: Callable[[], str | Iterable[str]]  # for people; made where it is printed
+    notes: tuple[str, ...] = ()  # on standard error
+    failed: Exception | None = None  # with which the command ends
+
+
+def with_options(
+    command: Callable[..., Any],
+    options: Mapping[str, tuple[Any, Any]],
+    run: Callable[..., Any],
+    without: frozenset[str] = frozenset(),
+) -> Callable[..., Any]:
+    """A command with further options, which calls `run` with all that was given.
+
+    options  by name: annotation and default
+    without  parameters of the command that are no options: `run` gives them
+    """
+    signature = inspect.signature(command, eval_str=True)
+    own = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in signature.parameters.values()]
+    parameters = [p for p in own if p.name not in without] + [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for name, (kind, default) in options.items()
+    ]
+
+    def extended(**given: Any) -> Any:
+        return run(**given)
+
+    extended.__name__, extended.__doc__ = command.__name__, command.__doc__
+    extended.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    extended.__annotations__ = {p.name: p.annotation for p in parameters}
+    return extended
+
+
+def answering(command: Callable[..., Shown]) -> Callable[..., Any]:
+    """Gives a command the option --json; what it answers is written there, or printed as text."""
+
+    def run(*, json: Path | None, **given: Any) -> None:
+        from service.json_text import wrote_json
+
+        shown = command(**given)
+        if shown.data is None or not wrote_json(shown.data, json):
+            text = shown.text()
+            lines = text if isinstance(text, str) else "\n".join(text)
+            if lines:
+                print(lines)
+        for note in shown.notes:
+            tell(note)
+        if shown.failed is not None:
+            raise shown.failed
+
+    return with_options(command, {"json": (JsonFile, None)}, run)
+
+
+def assessed(recording: Path, rig: Path | None, asset: str | None, prefix: str | None, **given: Any) -> dict[str, Any]:
     """An assessment, with its progress and one line for each fault of the data on standard error.
 
     given  as in `service.runtime.by_settings.assess_by_settings`
@@ -37,36 +94,26 @@ def assessed(
     return answer
 
 
-def give(answer: dict[str, Any], json: Path | None) -> None:
-    from service.cli.answer import print_answer
-    from service.json_text import wrote_json
+def asked(question: str, default: str | None, check: Callable[[str], Any]) -> str:
+    """What a person at a terminal answers; what does not pass the check is refused with the reason and asked again."""
+    from service.errors import InputError
 
-    if not wrote_json(answer, json):
-        print_answer(answer)
-
-
-def give_recording(answer: dict[str, Any], source: Path, out: Path, prefix: str | None) -> None:
-    """The recording with the results in it, and the layout that shows them."""
-    from service.cli.show import progress_bar
-    from service.files.results_recording import write_results
-
-    with progress_bar("writing") as bar:
-        layout = write_results(answer, source, out, prefix_of(prefix), bar)
-    tell(f"recording with results written to {out}, layout for Foxglove to {layout}")
+    while True:
+        given = str(typer.prompt(question, default=default or "", show_default=default is not None))
+        try:
+            check(given)
+        except InputError as error:
+            typer.echo(str(error), err=True)
+            continue
+        return given
 
 
 def tell(line: str | None) -> None:
+    """One line on standard error."""
     from service.cli.show import say
 
     if line:
         say(line)
-
-
-def demand_finite(name: str, value: float) -> None:
-    from service.errors import InputError
-
-    if not 0 <= value < float("inf"):
-        raise InputError(f"--{name} {value:g} must be a number from 0 up")
 
 
 def prefix_of(given: str | None) -> str:

@@ -2,243 +2,201 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
-from urllib.parse import quote, urlencode
+from typing import Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
+from service.cli.assessing import Shown
 from service.cli.config import configured
-from service.cli.rest import LOCAL, JsonFile, Url, asking, call
+from service.cli.rest import DONE, QUEUED, AssetName, By, Service, asking
+from service.errors import InputError
+from service.report.words import listed, moment, table
 
 app = typer.Typer(no_args_is_help=True, help="List the machines of a running service; create, change, rename, retire.")
 
-AssetName = Annotated[str, typer.Argument(metavar="ASSET", help="The asset.")]
-NewName = Annotated[str, typer.Argument(metavar="NAME", help="Its new name: letters, digits, '_', '-', '.'.")]
-By = Annotated[str | None, typer.Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
-Note = Annotated[str | None, typer.Option(help="What was done, and why.")]
-DONE, QUEUED = "done", "queued; applied after the current window"
-
-
-class Kind(StrEnum):
-    """What people enter for a machine."""
-
-    gears_replaced = "gears_replaced"
-    sensor_moved = "sensor_moved"
-    oil_changed = "oil_changed"
-    counter_reset = "counter_reset"
-    reassembled = "reassembled"
-    other_machine = "other_machine"
-    ignore = "ignore"
+Kind = Literal[
+    "gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled", "other_machine", "ignore"
+]  # what people enter for a machine
+NewName = Annotated[str, Argument(metavar="NAME", help="Its new name: letters, digits, '_', '-', '.'.")]
+Note = Annotated[str | None, Option(help="What was done, and why.")]
+CHANGED = "received kind done by at sensor revolutions count name note"  # what is told of a change
 
 
 @app.command(name="list")
 @asking
-def list_(url: Url = LOCAL, json: JsonFile = None) -> None:
+def list_(service: Service) -> Shown:
     """Show every asset with its status, and the question that waits for an answer."""
-    from service.json_text import wrote_json
-
-    found = call(url, "/v1/assets")
-    if wrote_json(found, json):
-        return
-    asked = {a["asset"]: call(url, _path(a["asset"]))["question"] for a in found}
-    print("\n".join(asset_lines(found, asked, shutil.get_terminal_size().columns)))
+    found = service.ask("assets")
+    return Shown(found, lambda: asset_lines(found, [service.ask("assets", a["asset"])["question"] for a in found]))
 
 
 @app.command()
 @asking
 def create(
+    service: Service,
     asset: AssetName,
-    rig: Annotated[Path | None, typer.Option(help="Rig file of the machine.")] = None,
+    rig: Annotated[Path | None, Option(help="Rig file of the machine.")] = None,
     by: By = None,
     note: Note = None,
-    url: Url = LOCAL,
-    json: JsonFile = None,
-) -> None:
+) -> Shown:
     """Create an asset before its first frame, with its rig file."""
     from service.files.rig import load_mapping
-    from service.json_text import wrote_json
 
-    given: dict[str, Any] = {"asset": asset, "rig": None if rig is None else load_mapping(rig), "by": by, "note": note}
-    answer = call(url, "/v1/assets", {name: value for name, value in given.items() if value is not None})
-    if not wrote_json(answer, json):
-        print(f"{asset} created: publish its frames under this name")
+    known = None if rig is None else load_mapping(rig)
+    answer = service.ask("assets", body={"asset": asset, "rig": known, "by": by, "note": note})
+    return Shown(answer, lambda: f"{asset} created: publish its frames under this name")
 
 
 @app.command()
 @asking
-def unknown(url: Url = LOCAL, json: JsonFile = None) -> None:
+def unknown(service: Service) -> Shown:
     """Show the assets that send frames and are not known: they are left out until somebody adopts them."""
-    from service.json_text import wrote_json
-
-    found = call(url, "/v1/unknown-assets")
-    if not wrote_json(found, json):
-        print("\n".join(unknown_lines(found)))
+    found = service.ask("unknown-assets")
+    return Shown(found, lambda: unknown_lines(found))
 
 
 @app.command()
 @asking
 def adopt(
+    service: Service,
     asset: AssetName,
     rig: Annotated[
-        str | None, typer.Option(metavar="DIGEST", help="Use the rig file that is offered for it, by its digest.")
+        str | None, Option(metavar="DIGEST", help="Use the rig file that is offered for it, by its digest.")
     ] = None,
     by: By = None,
     note: Note = None,
-    url: Url = LOCAL,
-    json: JsonFile = None,
-) -> None:
+) -> Shown:
     """Make an unknown asset one of the service's: its frames are used from now on. Needs the role administer."""
-    _decide(url, asset, "adopt", "adopted: its frames are used from now on", {"by": by, "note": note, "rig": rig}, json)
+    answer = service.ask("unknown-assets", asset, "adopt", body={"by": by, "note": note, "rig": rig})
+    return Shown(answer, lambda: f"{asset} adopted: its frames are used from now on")
 
 
 @app.command()
 @asking
-def dismiss(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+def dismiss(service: Service, asset: AssetName, by: By = None, note: Note = None) -> Shown:
     """Take an unknown asset off the list; its frames stay unused. Needs the role administer."""
-    _decide(url, asset, "dismiss", "dismissed: its frames stay unused", {"by": by, "note": note}, json)
+    answer = service.ask("unknown-assets", asset, "dismiss", body={"by": by, "note": note})
+    return Shown(answer, lambda: f"{asset} dismissed: its frames stay unused")
 
 
 @app.command()
 @asking
 def rig(
-    asset: Annotated[str | None, typer.Argument(metavar="[ASSET]", help="The asset; default: all.")] = None,
-    accept: Annotated[str | None, typer.Option(metavar="DIGEST", help="Use this proposed rig file.")] = None,
-    reject: Annotated[str | None, typer.Option(metavar="DIGEST", help="Keep the present one.")] = None,
+    service: Service,
+    asset: Annotated[str | None, Argument(metavar="[ASSET]", help="The asset; default: all.")] = None,
+    accept: Annotated[str | None, Option(metavar="DIGEST", help="Use this proposed rig file.")] = None,
+    reject: Annotated[str | None, Option(metavar="DIGEST", help="Keep the present one.")] = None,
     by: By = None,
     note: Note = None,
-    url: Url = LOCAL,
-    json: JsonFile = None,
-) -> None:
+) -> Shown:
     """Show rig files that came on the stream, with what differs; accept or reject one (role administer)."""
-    from service.errors import InputError
-    from service.json_text import wrote_json
-
     if accept is None and reject is None:
-        found = [p for p in call(url, "/v1/rig-proposals") if asset in (None, p["asset"])]
-        if not wrote_json(found, json):
-            print("\n".join(proposal_lines(found)))
-        return
+        found = [p for p in service.ask("rig-proposals") if asset in (None, p["asset"])]
+        return Shown(found, lambda: proposal_lines(found))
     if asset is None or (accept is not None and reject is not None):
         raise InputError("give the asset, and one of --accept and --reject")
     decision = "accept" if accept is not None else "reject"
-    given = {"decision": decision, "digest": accept or reject, "by": by, "note": note}
-    body = {name: value for name, value in given.items() if value is not None}
-    answer = call(url, f"{_path(asset)}/rig-proposal", body)
-    if wrote_json(answer, json):
-        return
+    body = {"decision": decision, "digest": accept or reject, "by": by, "note": note}
+    answer = service.ask("assets", asset, "rig-proposal", body=body)
     asked = (answer["effect"] or {}).get("question")
     then = "; it is of other gears: answer the open question (gear-twin assets list)" if asked else ""
-    print(f"rig file {decision}ed for {asset}: {DONE if answer['done'] else QUEUED}{then}")
+    return Shown(answer, lambda: f"rig file {decision}ed for {asset}: {DONE if answer['done'] else QUEUED}{then}")
 
 
 @app.command()
 @asking
 def change(
+    service: Service,
     asset: AssetName,
-    kind: Annotated[Kind, typer.Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
+    kind: Annotated[Kind, Argument(metavar="KIND", help="What was changed, or the answer to the open question.")],
     by: By = None,
     note: Note = None,
-    at: Annotated[str | None, typer.Option(help="When it was made, ISO 8601; kept as it is given.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="sensor_moved: the accelerometer.")] = None,
+    at: Annotated[str | None, Option(help="When it was made, ISO 8601; kept as it is given.")] = None,
+    sensor: Annotated[str | None, Option(help="sensor_moved: the accelerometer.")] = None,
     revolutions: Annotated[
         float | None,
-        typer.Option(help="gears_replaced: the encoder's count then; counter_reset: revolutions since new then."),
+        Option(help="gears_replaced: the encoder's count then; counter_reset: revolutions since new then."),
     ] = None,
-    count: Annotated[float | None, typer.Option(help="counter_reset: what it was set to, in turns.")] = None,
-    name: Annotated[str | None, typer.Option(help="other_machine: the new asset's name.")] = None,
-    url: Url = LOCAL,
-    json: JsonFile = None,
-) -> None:
+    count: Annotated[float | None, Option(help="counter_reset: what it was set to, in turns.")] = None,
+    name: Annotated[str | None, Option(help="other_machine: the new asset's name.")] = None,
+) -> Shown:
     """Enter a change of the machine, or answer the question about its data."""
-    given = {"by": by, "note": note, "at": at, "sensor": sensor, "revolutions": revolutions, "count": count}
-    _change(url, asset, kind.value, {**given, "name": name}, json)
+    given: dict[str, Any] = {"by": by, "note": note, "at": at, "sensor": sensor, "revolutions": revolutions}
+    return _changed(service, asset, kind, **given, count=count, name=name)
 
 
 @app.command()
 @asking
-def changes(asset: AssetName, url: Url = LOCAL, json: JsonFile = None) -> None:
+def changes(service: Service, asset: AssetName) -> Shown:
     """Show what people have changed on an asset."""
-    from service.json_text import wrote_json
-
-    found = call(url, f"{_path(asset)}/changes")
-    if not wrote_json(found, json):
-        print("\n".join(change_line(c) for c in found) or f"{asset}: no changes have been entered")
+    found = service.ask("assets", asset, "changes")
+    return Shown(found, lambda: listed(found, CHANGED) or f"{asset}: no changes have been entered")
 
 
 @app.command()
 @asking
-def rename(
-    asset: AssetName, name: NewName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None
-) -> None:
+def rename(service: Service, asset: AssetName, name: NewName, by: By = None, note: Note = None) -> Shown:
     """Give an asset another name, with its whole history; frames of its old name still reach it."""
-    _change(url, asset, "renamed", {"name": name, "by": by, "note": note}, json)
+    return _changed(service, asset, "renamed", name=name, by=by, note=note)
 
 
 @app.command()
 @asking
-def retire(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+def retire(service: Service, asset: AssetName, by: By = None, note: Note = None) -> Shown:
     """Take an asset out of use: its history stays, its frames are left out."""
-    _change(url, asset, "retired", {"by": by, "note": note}, json)
+    return _changed(service, asset, "retired", by=by, note=note)
 
 
 @app.command()
 @asking
-def reinstate(asset: AssetName, by: By = None, note: Note = None, url: Url = LOCAL, json: JsonFile = None) -> None:
+def reinstate(service: Service, asset: AssetName, by: By = None, note: Note = None) -> Shown:
     """Take a retired asset back into use."""
-    _change(url, asset, "reinstated", {"by": by, "note": note}, json)
+    return _changed(service, asset, "reinstated", by=by, note=note)
+
+
+def _changed(service: Service, asset: str, kind: str, **given: Any) -> Shown:
+    answer = service.ask("assets", asset, "changes", body={"kind": kind, **given})
+    return Shown(answer, lambda: f"{kind} of {asset}: {DONE if answer['done'] else QUEUED}")
 
 
 @app.command()
 @configured
 @asking
 def baseline(
+    service: Service,
     asset: AssetName,
     recordings: Annotated[
-        list[Path] | None, typer.Argument(metavar="RECORDING…", help="Recordings of the healthy machine to learn from.")
+        list[Path] | None, Argument(metavar="RECORDING…", help="Recordings of the healthy machine to learn from.")
     ] = None,
     windows: Annotated[
-        str | None, typer.Option(help="Learn from windows of the asset whose signals are kept, such as 0-5,8.")
+        str | None, Option(help="Learn from windows of the asset whose signals are kept, such as 0-5,8.")
     ] = None,
-    add: Annotated[bool, typer.Option("--add", help="With --windows: the recordings so far take part, too.")] = False,
-    remove: Annotated[bool, typer.Option("--remove", help="Leave the asset without a baseline of its own.")] = False,
+    add: Annotated[bool, Option("--add", help="With --windows: the recordings so far take part, too.")] = False,
+    remove: Annotated[bool, Option("--remove", help="Leave the asset without a baseline of its own.")] = False,
     by: By = None,
     note: Note = None,
-    url: Url = LOCAL,
-    json: JsonFile = None,
-) -> None:
+) -> Shown:
     """Show an asset's own healthy baseline, learn it from recordings or from its windows, or remove it."""
-    from service.cli.baseline_report import learned_text
-    from service.errors import InputError
-    from service.json_text import wrote_json
+    from service.report.baseline import learned_text
 
     if sum((bool(recordings), windows is not None, remove)) > 1:
         raise InputError("give recordings, --windows or --remove, and one of them alone")
-    path = f"{_path(asset)}/baseline"
-    signed = {name: value for name, value in (("by", by), ("note", note)) if value is not None}
+    path, signed = ("assets", asset, "baseline"), {"by": by, "note": note}
     if recordings:
-        answer = call(url, f"{path}?{urlencode(signed)}", _learned_bytes(recordings), "PUT")
+        answer = service.ask(*path, body=_learned_bytes(recordings), method="PUT", **signed)
     elif windows is not None:
-        answer = call(url, f"{path}/learn", {"windows": numbers_of(windows), "add": add, **signed})
-    elif remove:
-        answer = call(url, f"{path}?{urlencode(signed)}", method="DELETE")
+        answer = service.ask(*path, "learn", body={"windows": numbers_of(windows), "add": add, **signed})
     else:
-        answer = call(url, path)
-    if wrote_json(answer, json):
-        return
-    if not answer["own"]:
-        print(f"{asset} has no baseline of its own")
-        return
-    print(learned_text(answer["baseline"]))
+        answer = service.ask(*path, method="DELETE", **signed) if remove else service.ask(*path)
+    none = f"{asset} has no baseline of its own"
+    return Shown(answer, lambda: learned_text(answer["baseline"]) if answer["own"] else none)
 
 
 def numbers_of(text: str) -> list[int]:
     """Window numbers of a list such as `0-5,8`."""
-    from service.errors import InputError
-
     out: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
@@ -265,40 +223,36 @@ def _learned_bytes(recordings: Sequence[Path]) -> bytes:
 # -- text ------------------------------------------------------------------------------------------------
 
 
-def asset_lines(found: Sequence[Mapping[str, Any]], asked: Mapping[str, Any], width: int) -> list[str]:
-    """A line for each asset, and one for its question."""
-    if not found:
-        return ["no asset has sent a frame yet"]
-    longest = max(len(a["asset"]) for a in found)
-    lines = []
+def asset_lines(found: Sequence[Mapping[str, Any]], asked: Sequence[Any]) -> list[str]:
+    """A line for each asset, and the question that waits for an answer below it."""
+    rows = []
     for a in found:
         level = "retired" if a["retired"] else a["status"]["level"].replace("_", " ")
         turns = "" if a["revolutions"] is None else f"{a['revolutions']:,.0f} revolutions"
-        lines.append(f"{a['asset']:<{longest}}  {level:<11}  {a['windows']:>6} windows  {turns}".rstrip()[:width])
-        question = asked.get(a["asset"])
+        rows.append((a["asset"], level, f"{a['windows']} windows", turns))
+    lines = []
+    for a, line, question in zip(found, table(rows, right=(2,)), asked, strict=True):
+        lines.append(line)
         if question is not None:
-            answers = ", ".join(question["answers"])
             lines.append(f"  {question['text']} {question['detail']}")
             lines.append(f"  {question['waiting']} windows wait. Answer: gear-twin assets change {a['asset']} ANSWER")
-            lines.append(f"  with one of {answers}")
-    return lines
+            lines.append(f"  with one of {', '.join(question['answers'])}")
+    return lines or ["no asset has sent a frame yet"]
 
 
 def unknown_lines(found: Mapping[str, Any]) -> list[str]:
     """A line for each unknown asset, and what can be done."""
     if not found["asks"]:
         return ["every asset is adopted with its first frame (setting new_assets)"]
-    listed = found["assets"]
-    if not listed:
-        return ["no unknown asset sends frames"]
-    longest = max(len(a["asset"]) for a in listed)
-    lines = []
-    for a in listed:
-        channels = ", ".join(a["channels"]) or "no channel"
-        seen = f"{a['first_seen'][:16]} to {a['last_seen'][:16]}".replace("T", " ")
+    rows = []
+    for a in found["assets"]:
         rig = f"; offers the rig file {a['rig_digest']} ({a['rig_name'] or 'without a name'})" if a["rig"] else ""
-        lines.append(f"{a['asset']:<{longest}}  {a['frames']:>8} frames  {seen}  {channels}{rig}")
-    return [*lines, "gear-twin assets adopt NAME makes one known; gear-twin assets dismiss NAME takes it off this list"]
+        seen = f"{moment(a['first_seen'])} to {moment(a['last_seen'])}"
+        rows.append((a["asset"], f"{a['frames']} frames", seen, (", ".join(a["channels"]) or "no channel") + rig))
+    if not rows:
+        return ["no unknown asset sends frames"]
+    how = "gear-twin assets adopt NAME makes one known; gear-twin assets dismiss NAME takes it off this list"
+    return [*table(rows, right=(1,)), how]
 
 
 def proposal_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -308,47 +262,9 @@ def proposal_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
     lines = []
     for p in found:
         named = f' "{p["name"]}"' if p["name"] else ""
-        lines.append(f"{p['asset']}: rig file {p['digest']}{named}, received {p['received'][:16].replace('T', ' ')}")
-        longest = max((len(d["key"]) for d in p["differences"]), default=0)
-        for d in p["differences"]:
-            present, proposed = (_absent(d[name]) for name in ("present", "proposed"))
-            lines.append(f"  {d['key']:<{longest}}  {present} -> {proposed}")
+        lines.append(f"{p['asset']}: rig file {p['digest']}{named}, received {moment(p['received'])}")
+        rows = [
+            (d["key"], *("absent" if d[n] is None else d[n] for n in ("present", "proposed"))) for d in p["differences"]
+        ]
+        lines += [f"  {line}" for line in table([(key, f"{before} -> {after}") for key, before, after in rows])]
     return [*lines, "gear-twin assets rig ASSET --accept DIGEST uses one; --reject DIGEST keeps the present one"]
-
-
-def _absent(value: str | None) -> str:
-    return "absent" if value is None else value
-
-
-def change_line(change: Mapping[str, Any]) -> str:
-    """One change in one line."""
-    named = ("by", "at", "sensor", "revolutions", "count", "name", "note")
-    said = [f"{name} {change[name]}" for name in named if change.get(name) is not None]
-    done = "" if change["done"] else f" ({QUEUED})"
-    kind = change["kind"].replace("_", " ")
-    return f"{change['received'][:16].replace('T', ' ')}  {kind}{done}  {'; '.join(said)}".rstrip()
-
-
-# -- within ----------------------------------------------------------------------------------------------
-
-
-def _path(asset: str) -> str:
-    return f"/v1/assets/{quote(asset, safe='')}"
-
-
-def _decide(url: str, asset: str, action: str, done: str, given: Mapping[str, str | None], json: Path | None) -> None:
-    from service.json_text import wrote_json
-
-    body = {name: value for name, value in given.items() if value is not None}
-    answer = call(url, f"/v1/unknown-assets/{quote(asset, safe='')}/{action}", body)
-    if not wrote_json(answer, json):
-        print(f"{asset} {done}")
-
-
-def _change(url: str, asset: str, kind: str, given: Mapping[str, Any], json: Path | None) -> None:
-    from service.json_text import wrote_json
-
-    body = {"kind": kind} | {name: value for name, value in given.items() if value is not None}
-    answer = call(url, f"{_path(asset)}/changes", body)
-    if not wrote_json(answer, json):
-        print(f"{kind} of {asset}: {DONE if answer['done'] else QUEUED}")

@@ -10,34 +10,37 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from service.cli.assessing import Prefix, prefix_of, tell
-from service.json_text import wrote_json
+from service.cli.assessing import JsonFile, Prefix, asked, prefix_of, tell
+from service.cli.config import configured
+from service.cli.show import progress_bar
+from service.errors import InputError
+from service.json_text import write_text, wrote_json
 
 GUESSING = "With --guess"
 Started = Annotated[
     str | None,
-    typer.Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
+    Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
 ]
 Zone = Annotated[
-    str | None,
-    typer.Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False),
+    str | None, Option(help="Zone of a date that is a local time: Europe/Berlin, +01:00, UTC.", show_default=False)
 ]
 
 
+@configured
 def import_(
     mapping: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="MAPPING", help="Mapping file (TOML): which column is which channel; a data file with --guess."
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="MCAP file to write.", show_default=False)] = None,
-    source: Annotated[Path | None, typer.Option(help="Data file instead of the one that the mapping names.")] = None,
+    out: Annotated[Path | None, Option(help="MCAP file to write.", show_default=False)] = None,
+    source: Annotated[Path | None, Option(help="Data file instead of the one that the mapping names.")] = None,
     age: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Age of the gears when the file begins: new, 5000 rev (revolutions), 1200 h (hours run), or unknown; "
             "default: the mapping's, of its own file.",
             show_default=False,
@@ -46,47 +49,41 @@ def import_(
     started: Started = None,
     zone: Zone = None,
     prefix: Prefix = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-    ] = None,
+    json: JsonFile = None,
     guess: Annotated[
-        bool, typer.Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
+        bool, Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Import at once, into NAME.mcap without --out.", rich_help_panel=GUESSING)
+        bool, Option("--yes", help="Import at once, into NAME.mcap without --out.", rich_help_panel=GUESSING)
     ] = False,
     teeth: Annotated[
-        str | None, typer.Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
+        str | None, Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
     ] = None,
-    speed: Annotated[
-        str | None, typer.Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)
-    ] = None,
+    speed: Annotated[str | None, Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)] = None,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
+        Path | None, Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Sample rate in Hz, of a file without a time column.", min=0.0, rich_help_panel=GUESSING),
+        Option(help="Sample rate in Hz, of a file without a time column.", min=0.0, rich_help_panel=GUESSING),
     ] = None,
     tachometer: Annotated[
-        str | None, typer.Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
+        str | None, Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
     ] = None,
     pulses_per_rev: Annotated[
-        int, typer.Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
+        int, Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
     ] = 1,
     asset: Annotated[
-        str | None, typer.Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
+        str | None, Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
     ] = None,
     write: Annotated[
-        Path | None, typer.Option(help="Mapping file to write; default: NAME.toml.", rich_help_panel=GUESSING)
+        Path | None, Option(help="Mapping file to write; default: NAME.toml.", rich_help_panel=GUESSING)
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace a mapping file that is there.", rich_help_panel=GUESSING)
+        bool, Option("--force", help="Replace a mapping file that is there.", rich_help_panel=GUESSING)
     ] = False,
 ) -> None:
     """Convert a data file (CSV, MAT, WAV, TDMS, HDF5, …) into a recording."""
-    from service.errors import InputError
-
     said: dict[str, Any] = {}
     if guess:
         age = age or _asked_age(yes)
@@ -113,7 +110,7 @@ def _asked_age(yes: bool) -> str | None:
     if yes or not sys.stdin.isatty():
         return None
     question = "Age of the gears when the file begins (new / such as 5000 rev or 1200 h / unknown)"
-    return _asked(question, "unknown", lambda given: age_of("age", given, speed_hz=1.0))
+    return asked(question, "unknown", lambda given: age_of("age", given, speed_hz=1.0))
 
 
 def _zone_asked() -> Callable[[str], str] | None:
@@ -122,7 +119,7 @@ def _zone_asked() -> Callable[[str], str] | None:
 
     if not sys.stdin.isatty():
         return None
-    return lambda said: _asked(f"{said}. Its zone (such as Europe/Berlin or +01:00)", "UTC", zone_of)
+    return lambda said: asked(f"{said}. Its zone (such as Europe/Berlin or +01:00)", "UTC", zone_of)
 
 
 def _zone_of(began: datetime | None, data: Path, ask: Callable[[str], str] | None) -> str | None:
@@ -134,27 +131,11 @@ def _zone_of(began: datetime | None, data: Path, ask: Callable[[str], str] | Non
     return ask(without_zone(str(data), began))
 
 
-def _asked(question: str, default: str, check: Callable[[str], Any]) -> str:
-    """An answer that passes a check, however often it takes."""
-    from service.errors import InputError
-
-    while True:
-        given = str(typer.prompt(question, default=default))
-        try:
-            check(given)
-        except InputError as error:
-            typer.echo(str(error), err=True)
-            continue
-        return given
-
-
 def _stem(path: Path) -> str:
     return path.name.partition(".")[0] or path.stem
 
 
 def _teeth(text: str | None) -> tuple[int, int] | None:
-    from service.errors import InputError
-
     if text is None:
         return None
     found = re.fullmatch(r"\s*(\d+)\s*[/:,x]\s*(\d+)\s*", text)
@@ -165,7 +146,6 @@ def _teeth(text: str | None) -> tuple[int, int] | None:
 
 def _speed(text: str | None) -> float | None:
     """A speed in turns a second, from a number in Hz or with its unit."""
-    from service.errors import InputError
     from service.files.guess import SPEEDS
 
     if text is None:
@@ -183,12 +163,10 @@ def _proposed(
     data: Path, write: Path | None, force: bool, pulses_per_rev: int, given: dict[str, Any], *, quiet: bool
 ) -> tuple[Path, dict[str, Any]]:
     """The mapping file that was written for a data file, and what is in it."""
-    from service.errors import InputError
     from service.files.guess import plain_name, proposal_of
     from service.files.guess_mapping import Known, check_text, contradicted_speed, mapping_text, with_reference
     from service.files.readers import read_table
     from service.files.rig import load_rig
-    from service.json_text import write_text
     from service.stream.channels import SHAFTS
 
     if given["shaft"] not in (None, *SHAFTS):
@@ -233,38 +211,29 @@ def _proposed(
     return path, {"mapping": str(path), "format": table.format, "sample_rate_hz": proposal.rate, "proposal": channels}
 
 
-def _print_proposal(table: Any, proposal: Any) -> None:
-    from rich.box import SIMPLE
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+def _print_proposal(data: Any, proposal: Any) -> None:
+    from service.report.words import table
 
     length = "" if proposal.duration is None else f", {proposal.duration:.6g} s"
     rate = "different rates" if proposal.rate is None else f"{proposal.rate:.9g} Hz ({proposal.rate_from})"
-    print(f"{table.format} file, {rate}{length}")
-    shown = Table(box=SIMPLE, pad_edge=False)
-    for column in ("column", "becomes", "unit", "because"):
-        shown.add_column(column)
-    for g in proposal.guesses:
-        unit = g.unit if g.scale == 1 else f"{g.scale:g} {g.unit}"
-        cells = (", ".join(g.columns), g.becomes, unit, g.why + (f"; {g.remark}" if g.remark else ""))
-        shown.add_row(*(Text(cell) for cell in cells))  # a name from a file is no markup
-    Console().print(shown)
-    for note in table.notes:
+    print(f"{data.format} file, {rate}{length}")
+    rows = [
+        (
+            ", ".join(g.columns),
+            g.becomes,
+            g.unit if g.scale == 1 else f"{g.scale:g} {g.unit}",
+            g.why + (f"; {g.remark}" if g.remark else ""),
+        )
+        for g in proposal.guesses
+    ]
+    print("\n".join(table(rows, ("column", "becomes", "unit", "because"))))
+    for note in data.notes:
         print(f"note: {note}")
 
 
 def _imported(
-    mapping: Path,
-    out: Path,
-    source: Path | None,
-    prefix: str,
-    age: str | None,
-    dated: dict[str, Any],
-    *,
-    quiet: bool,
+    mapping: Path, out: Path, source: Path | None, prefix: str, age: str | None, dated: dict[str, Any], *, quiet: bool
 ) -> dict[str, Any]:
-    from service.cli.show import progress_bar
     from service.files.import_recording import UNKNOWN_AGE, import_recording
 
     with progress_bar("importing") as bar:

@@ -1,125 +1,116 @@
-"""What commands that talk to a running service share: its address, the credential, and one call with its errors.
+"""What commands that ask a running service share: its address and the credential, one call, and how it is refused.
 
 A key is given by GEAR_TWIN_KEY, or by --key, where other people of the computer can see it in the list of processes. It
-is never printed, and never sent on where the service answers with another address.
+is never printed.
 """
 
 from __future__ import annotations
 
-import inspect
-import json
-import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
-from urllib.error import HTTPError, URLError
-from urllib.request import HTTPRedirectHandler, HTTPSHandler, ProxyHandler, Request, build_opener
 
-import typer
+from typer import Argument, Option
 
-Url = Annotated[str, typer.Option("--url", "--service", help="Address of the service.", envvar="GEAR_TWIN_URL")]
-JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-]
+from service.cli.assessing import Shown, answering, with_options
+from service.cli.config import ConfigFile
+from service.errors import InputError
+
 LOCAL = "http://127.0.0.1:8080"
 WAIT = 120.0  # [s]; a wear curve under a new condition takes seconds of a core
-KEY, CA = "GEAR_TWIN_KEY", "GEAR_TWIN_CA"
-CERTIFICATE, PRIVATE_KEY = "GEAR_TWIN_CERTIFICATE", "GEAR_TWIN_PRIVATE_KEY"
+ANY = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # addresses that listen on every interface, and that of this computer
+DONE, QUEUED = "done", "queued; applied after the current window"
 
-
-_given: dict[str, str] = {}  # by the options of the command that is running
-
-
-Key = Annotated[
-    str | None,
-    typer.Option("--key", help=f"API key or token that the service accepts; better given by the variable {KEY}."),
-]
-Authorities = Annotated[
-    str | None,
-    typer.Option("--ca", help="File of certificates (PEM) that the service's is verified by; default: the system's."),
-]
-
-Certificate = Annotated[
-    str | None,
-    typer.Option("--certificate", help=f"File of the certificate (PEM) to show the service; default: {CERTIFICATE}."),
-]
-PrivateKey = Annotated[
-    str | None,
-    typer.Option("--private-key", help=f"File of its private key (PEM); default: {PRIVATE_KEY}."),
-]
-OPTIONS = {  # of every command that asks a service, with the variable that does the same
-    "key": (Key, KEY),
-    "ca": (Authorities, CA),
-    "certificate": (Certificate, CERTIFICATE),
-    "private_key": (PrivateKey, PRIVATE_KEY),
+AssetName = Annotated[str, Argument(metavar="ASSET", help="The asset.")]
+By = Annotated[str | None, Option(help="Your name.", envvar="GEAR_TWIN_NAME", show_default=False)]
+Url = Annotated[str, Option("--url", "--service", help="Address of the service.", envvar="GEAR_TWIN_URL")]
+CREDENTIALS = {
+    "key": "API key or token that the service accepts; better given by the variable GEAR_TWIN_KEY.",
+    "ca": "File of certificates (PEM) that the service's is verified by; default: the system's.",
+    "certificate": "File of the certificate (PEM) to show the service; default: GEAR_TWIN_CERTIFICATE.",
+    "private_key": "File of its private key (PEM); default: GEAR_TWIN_PRIVATE_KEY.",
+}
+OPTIONS: dict[str, tuple[Any, Any]] = {
+    name: (Annotated[str | None, Option(f"--{name.replace('_', '-')}", help=text)], None)
+    for name, text in CREDENTIALS.items()
 }
 
 
-def asking(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Gives a command that talks to a service the options of credentials, which `call` uses."""
-    signature = inspect.signature(command, eval_str=True)
-    added = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=None)
-        for name, (kind, _) in OPTIONS.items()
-    ]
+class Service:
+    """A running service, as a command asks it."""
 
-    def asked(**given: Any) -> Any:
-        for name, (_, variable) in OPTIONS.items():
-            if value := given.pop(name, None):
-                _given[variable] = value
+    def __init__(self, url: str, credentials: Mapping[str, str | None]) -> None:
+        self.url, self._credentials = url, credentials
+
+    def at(self, url: str) -> Service:
+        """The service at another address, with the same credentials."""
+        return Service(url, self._credentials)
+
+    def ask(
+        self, *parts: object, path: str | None = None, body: Any = None, method: str | None = None, **query: Any
+    ) -> Any:
+        """The answer of /v1/PARTS, or of another path; InputError has the service's own words where it refuses.
+
+        body  JSON data, or a file's bytes as they are
+        """
+        from service.access.http_client import HttpClient, ServiceError, path_of
+        from service.printable import all_printable
+
         try:
-            return command(**given)
-        finally:
-            _given.clear()
+            client = HttpClient(self.url, WAIT, **self._credentials)
+            return all_printable(client.json(path or path_of(*parts), body, method=method, query=query))
+        except ServiceError as error:
+            raise InputError(f"{self.url}: {error.detail}") from None
+        except OSError as error:
+            why = f"{self.url}: no service answers at this address: {str(error).lower()}; --url sets its address"
+            raise InputError(why) from None
 
-    asked.__name__, asked.__doc__ = command.__name__, command.__doc__
-    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*signature.parameters.values(), *added)]
-    asked.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    asked.__annotations__ = {p.name: p.annotation for p in parameters}
-    return asked
-
-
-def _known(variable: str) -> str | None:
-    return _given.get(variable) or os.environ.get(variable) or None
-
-
-class _NoRedirects(HTTPRedirectHandler):
-    """A credential is not taken to another address."""
-
-    def redirect_request(self, *_: Any, **__: Any) -> None:
-        return None
+    def only_asset(self) -> str:
+        """The service's asset, where it has one alone."""
+        known = [a["asset"] for a in self.ask("assets")]
+        if len(known) != 1:
+            what = f"name one of its assets: {', '.join(known)}" if known else "no asset has sent a frame yet"
+            raise InputError(f"{self.url}: {what}")
+        return known[0]
 
 
-def call(url: str, path: str, body: Mapping[str, Any] | bytes | None = None, method: str | None = None) -> Any:
-    """The service's answer, asked for directly, whatever proxy the environment names.
+def with_service(command: Callable[..., Any], *, url: bool = True) -> Callable[..., Any]:
+    """Gives a command the options of a credential, and `--url` unless it has an address of its own.
 
-    InputError has the service's own words where it refuses, or says that nothing answers.
-
-    body  JSON data, or a file as it is
+    command  its parameter `service` is the Service that the options name
     """
-    from service.access.client_tls import client_context
-    from service.errors import InputError
-    from service.printable import all_printable
 
-    data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
-    headers = {"Content-Type": "application/octet-stream" if isinstance(body, bytes) else "application/json"}
-    if key := _known(KEY):
-        headers["Authorization"] = f"Bearer {key}"
-    try:
-        context = client_context(*map(_known, (CA, CERTIFICATE, PRIVATE_KEY)))
-        opener = build_opener(ProxyHandler({}), _NoRedirects, HTTPSHandler(context=context))
-        request = Request(url.rstrip("/") + path, data, headers, method=method)
-        with opener.open(request, timeout=WAIT) as response:
-            return all_printable(json.load(response))
-    except HTTPError as error:
-        try:
-            with error:
-                detail = json.load(error)["detail"]
-        except (ValueError, KeyError, TypeError):
-            detail = f"status {error.code}"
-        raise InputError(f"{url}: {detail}") from None
-    except (URLError, OSError, ValueError) as error:
-        why = getattr(error, "reason", error)
-        raise InputError(
-            f"{url}: no service answers at this address: {str(why).lower()}; --url sets its address"
-        ) from None
+    def run(**given: Any) -> Any:
+        credentials = {name: given.pop(name) for name in OPTIONS}
+        return command(service=Service(given.pop("url") if url else "", credentials), **given)
+
+    options = {"url": (Url, LOCAL), **OPTIONS} if url else OPTIONS
+    return with_options(command, options, run, without=frozenset({"service"}))
+
+
+def asking(command: Callable[..., Shown]) -> Callable[..., Any]:
+    """A command that asks a service and shows what it answers."""
+    return answering(with_service(command))
+
+
+@partial(with_service, url=False)
+def ready(
+    service: Service,
+    url: Annotated[
+        str | None,
+        Option("--url", help="Address of the service; default: that of the settings.", envvar="GEAR_TWIN_URL"),
+    ] = None,
+    config: ConfigFile = None,
+) -> None:
+    """Say whether the service accepts frames; the exit status is 0 where it does."""
+    print(service.at(url or own_address(config)).ask(path="/readyz")["status"])
+
+
+def own_address(config: Path | None) -> str:
+    """The address at which a service with the settings of this environment answers on this computer."""
+    from service.configuration.load import load
+
+    settings = load(config=config)
+    host = ANY.get(settings.http_host, settings.http_host)
+    return f"http://{f'[{host}]' if ':' in host else host}:{settings.http_port}"

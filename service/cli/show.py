@@ -1,11 +1,10 @@
-"""What every command shows alike: progress and notes on standard error, numbers and bands as text."""
+"""What every command shows on standard error: progress and notes."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from service.printable import printable
 
@@ -32,33 +31,3 @@ def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
 def say(line: str) -> None:
     """One line on standard error."""
     print(f"gear-twin: {printable(line)}", file=sys.stderr)
-
-
-def number(value: Any, digits: int = 4) -> str:
-    """A number to so many digits, or a dash where there is none."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return "–" if value is None else str(value)
-    return f"{value:.{digits}g}"
-
-
-def spread(value: Any, unit: str) -> str:
-    """A median with its 5–95 % band, or why there is none."""
-    if isinstance(value, Mapping) and value.get("median") is None and (value.get("p05") or value.get("p95")):
-        low, high = value.get("p05"), value.get("p95")
-        return (
-            f"at least {number(low)} {unit} (95 % confidence)"
-            if low
-            else f"below {number(high)} {unit} (95 % confidence)"
-        )
-    if not isinstance(value, Mapping) or value.get("median") is None:
-        return reason(value)
-    return f"{number(value['median'])} {unit} (5–95 %: {number(value.get('p05'))} … {number(value.get('p95'))})"
-
-
-def reason(value: Any) -> str:
-    """Why a quantity is not there."""
-    if isinstance(value, Mapping) and value.get("reason"):
-        from service.contract.finding import cause
-
-        return f"not available: {cause(value['reason'])}"
-    return "not available"

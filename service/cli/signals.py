@@ -2,73 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-import typer
+from typer import Option
 
-from service.cli.assessing import Prefix
+from service.cli.assessing import Asset, Prefix, Recording, RigFile, Shown, answering, prefix_of, windowing
+from service.cli.config import configured
+from service.errors import InputError
+from service.json_text import json_text, write_bytes
+from service.report.words import number
 
-
-class ViewName(StrEnum):
-    """The views of a window's signals."""
-
-    waveform = "waveform"
-    spectrum = "spectrum"
-    order_spectrum = "order-spectrum"
-    envelope_spectrum = "envelope-spectrum"
-    synchronous_average = "synchronous-average"
-    transmission_error = "transmission-error"
-    flank = "flank"
-
-
-class Shaft(StrEnum):
-    """A shaft of the pair."""
-
-    pinion = "pinion"
-    gear = "gear"
-
-
+ViewName = Literal[
+    "waveform", "spectrum", "order-spectrum", "envelope-spectrum", "synchronous-average", "transmission-error", "flank"
+]
 FORMATS = (".png", ".csv", ".json")
-MODEL_VIEWS = (ViewName.flank,)
+LINES = 8  # of a spectrum that the summary names
 
 
+@configured
+@answering
 def signals(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (MCAP).")],
-    view: Annotated[ViewName, typer.Option(help="What to show of the window.")] = ViewName.spectrum,
-    window: Annotated[int, typer.Option(help="Index of the window; -1 is the last one.")] = -1,
+    recording: Recording,
+    view: Annotated[ViewName, Option(help="What to show of the window.")] = "spectrum",
+    window: Annotated[int, Option(help="Index of the window; -1 is the last one.")] = -1,
     channel: Annotated[
-        str | None, typer.Option(help="Such as accel/y6 or transmission-error; default: the reference accelerometer.")
+        str | None, Option(help="Such as accel/y6 or transmission-error; default: the reference accelerometer.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File to write: its ending .png, .csv or .json says which. Default: a summary.")
+        Path | None, Option(help="File to write: its ending .png, .csv or .json says which. Default: a summary.")
     ] = None,
-    shaft: Annotated[Shaft, typer.Option(help="Whose turns a synchronous average is over.")] = Shaft.pinion,
-    averaged: Annotated[bool, typer.Option("--averaged", help="Average a spectrum over 15 segments.")] = False,
-    rms: Annotated[bool, typer.Option("--rms", help="RMS in place of peak amplitudes.")] = False,
+    shaft: Annotated[Literal["pinion", "gear"], Option(help="Whose turns a synchronous average is over.")] = "pinion",
+    averaged: Annotated[bool, Option("--averaged", help="Average a spectrum over 15 segments.")] = False,
+    rms: Annotated[bool, Option("--rms", help="RMS in place of peak amplitudes.")] = False,
     band_hz: Annotated[
-        tuple[float, float] | None, typer.Option(help="Band of the envelope; default: the most impulsive one.")
+        tuple[float, float] | None, Option(help="Band of the envelope; default: the most impulsive one.")
     ] = None,
     modelled: Annotated[
-        bool, typer.Option("--modelled", help="Add what the twin expects: it is run on all windows first.")
+        bool, Option("--modelled", help="Add what the twin expects: it is run on all windows first.")
     ] = False,
-    dark: Annotated[bool, typer.Option("--dark", help="Dark picture.")] = False,
-    log: Annotated[bool, typer.Option("--log", help="Logarithmic amplitudes in the picture.")] = False,
-    rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file; default: the one attached to the recording.")
-    ] = None,
-    asset: Annotated[str | None, typer.Option(help="The asset, if a recording contains several.")] = None,
+    dark: Annotated[bool, Option("--dark", help="Dark picture.")] = False,
+    log: Annotated[bool, Option("--log", help="Logarithmic amplitudes in the picture.")] = False,
+    rig: RigFile = None,
+    asset: Asset = None,
     prefix: Prefix = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
-    ] = None,
-) -> None:
+) -> Shown:
     """Show signals of one window: waveform, spectra, synchronous average, transmission error or the worn flank."""
-    from service.cli.assessing import prefix_of, tell, windowing
-    from service.errors import InputError
-    from service.json_text import wrote_json
     from service.signals.recorded import recorded_subject
     from service.signals.view import MOST_POINTS, ViewOptions, as_json
     from service.signals.views import VIEWS
@@ -78,65 +57,37 @@ def signals(
         raise InputError(f"{out}: the ending must be one of {', '.join(FORMATS)}")
     subject = recorded_subject(
         recording, window, rig_path=rig, asset=asset, prefix=prefix_of(prefix), assembly=windowing(),
-        modelled=modelled or view in MODEL_VIEWS,
+        modelled=modelled or view == "flank",
     )  # fmt: skip
-    options = ViewOptions(channel=channel, shaft=shaft.value, averaged=averaged, rms=rms, band=band_hz)
+    options = ViewOptions(channel=channel, shaft=shaft, averaged=averaged, rms=rms, band=band_hz)
     try:
-        shown = VIEWS[view.value](subject, options)
+        shown = VIEWS[view](subject, options)
     except TwinError as error:
         raise InputError(f"{recording}: window {subject.index}: {error}") from None
     head = {"asset": subject.asset, "window": subject.index, "start_time": subject.started.isoformat()}
     answer = {**head, **as_json(shown, MOST_POINTS)}
-    printed = wrote_json(answer, json)
     if out is not None:
-        WRITERS[out.suffix.lower()](out, shown, answer, ("dark" if dark else "light", log))
-        tell(f"{shown.title} written to {out}")
-    if not printed:
-        print("\n".join(_summary(answer, subject.channels)))
+        write_bytes(out, _file(out.suffix.lower(), shown, answer, dark, log))
+    notes = () if out is None else (f"{shown.title} written to {out}",)
+    return Shown(answer, lambda: _summary(answer, subject.channels), notes)
 
 
-def _picture(out: Path, shown: Any, answer: dict[str, Any], look: tuple[str, bool]) -> None:
-    from service.signals.pictures import as_png
+def _file(kind: str, shown: Any, answer: dict[str, Any], dark: bool, log: bool) -> bytes:
+    """A view as a picture, a table or JSON."""
+    if kind == ".png":
+        from service.signals.pictures import as_png
 
-    heading = f"{answer['asset']}, window {answer['window']}, {answer['start_time']}"
-    _write(out, as_png(shown, heading, look[0], look[1], ("mesh", "bearing")))
+        heading = f"{answer['asset']}, window {answer['window']}, {answer['start_time']}"
+        return as_png(shown, heading, "dark" if dark else "light", log, ("mesh", "bearing"))
+    if kind == ".csv":
+        from service.signals.tables import as_csv
 
-
-def _csv(out: Path, shown: Any, answer: dict[str, Any], look: tuple[str, bool]) -> None:
-    from service.signals.tables import as_csv
-
-    _write(out, as_csv(shown).encode())
-
-
-def _json(out: Path, shown: Any, answer: dict[str, Any], look: tuple[str, bool]) -> None:
-    from service.json_text import json_text, write_text
-
-    write_text(out, json_text(answer))
-
-
-WRITERS: dict[str, Callable[[Path, Any, dict[str, Any], tuple[str, bool]], None]] = {
-    ".png": _picture,
-    ".csv": _csv,
-    ".json": _json,
-}
-
-
-def _write(out: Path, content: bytes) -> None:
-    from service.errors import InputError
-
-    try:
-        out.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {(error.strerror or 'fault').lower()}") from None
-
-
-LINES = 8  # of a spectrum that the summary names
+        return as_csv(shown).encode()
+    return f"{json_text(answer)}\n".encode()
 
 
 def _summary(answer: dict[str, Any], channels: tuple[str, ...]) -> list[str]:
     """Title, figures, the strongest lines of a spectrum, and notes."""
-    from service.cli.show import number
-
     lines = [f"{answer['title']}, window {answer['window']} of {answer['asset']}, {answer['start_time']}"]
     lines += [f"  {name.replace('_', ' ')}: {number(value, 5)}" for name, value in answer["figures"].items()]
     if "spectrum" in answer["view"]:

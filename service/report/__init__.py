@@ -1,4 +1,4 @@
-"""The report about one machine for people who decide: one self-contained HTML page, or a PDF of two pages.
+"""What is said of one machine, once: as text, as one self-contained HTML page, or as a PDF of two pages.
 
 report = report_of(answer, machine)      # what is said, from the contract's answer
 rendered(report, "pdf")                  # the bytes of the file
@@ -6,23 +6,44 @@ rendered(report, "pdf")                  # the bytes of the file
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from service.report.content import Report, report_of
-from service.report.html import html
-from service.report.pdf import pdf
+from service.errors import InputError
+from service.json_text import write_bytes
 
-FORMATS: Mapping[str, tuple[str, Callable[[Report], bytes]]] = {
-    "html": ("text/html; charset=utf-8", lambda report: html(report).encode()),
-    "pdf": ("application/pdf", pdf),
-}
-"""Format → media type and what writes it."""
+if TYPE_CHECKING:
+    from service.report.content import Report
+
+FORMATS = {"html": "text/html; charset=utf-8", "pdf": "application/pdf"}
+"""Format → media type."""
+
+
+def report_of(answer: Mapping[str, Any], machine: Mapping[str, Any] | None = None, **given: Any) -> Report:
+    """The report about the asset of an answer; as in `service.report.content`."""
+    from service.report.content import report_of as made
+
+    return made(answer, machine, **given)
 
 
 def rendered(report: Report, kind: str) -> bytes:
     """The file of a report in a format of `FORMATS`."""
-    _, write = FORMATS[kind]
-    return write(report)
+    if kind == "html":
+        from service.report.html import html
+
+        return html(report).encode()
+    from service.report.pdf import pdf
+
+    return pdf(report)
 
 
-__all__ = ["FORMATS", "Report", "rendered", "report_of"]
+def write_report(answer: Mapping[str, Any], path: Path, machine: Mapping[str, Any] | None = None) -> None:
+    """Writes the report about the asset of an answer: HTML or PDF, by the file's name.
+
+    machine  mapping of the rig file, where it is known
+    """
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in FORMATS:
+        raise InputError(f"{path}: a report is written as {' or '.join(f'.{name}' for name in FORMATS)}")
+    write_bytes(path, rendered(report_of(answer, machine), kind))

@@ -1,4 +1,4 @@
-"""What a report says, from the answer of the contract; nothing is computed here that the answer does not hold."""
+"""What is said of an asset, from the answer of the contract; nothing is computed here that the answer does not hold."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from datetime import UTC, datetime
 from typing import Any
 
 from service import __version__
+from service.contract.base import spoken_time
 from service.printable import all_printable
-from service.report.findings import Finding, findings, number
+from service.report.findings import Finding, findings, verdict
+from service.report.words import available, band, moment, number, sentence, spread
 
 LEVELS = {"normal": "Normal", "no_verdict": "No verdict", "watch": "Watch", "alarm": "Alarm", "end_of_life": "Stop"}
 MOST_REASONS = 5
 MOST_WINDOWS = 10
+MOST_NOTES = 6
 Row = tuple[str, ...]
 
 
@@ -26,11 +29,14 @@ class Report:
     made: str  # date and time, UTC
     latest: str  # of the measurement that it rests on
     level: str  # key of LEVELS
+    summary: str  # of the state, in one sentence
     action: str
     reasons: tuple[str, ...]
     since: str
     data: str  # quality of the data, in one sentence
     figures: tuple[tuple[str, str, str], ...]  # name, value, detail
+    details: tuple[str, ...]  # of the wear depth, which is the first figure where there are any
+    conclusions: tuple[str, ...]  # which effects are in the model, and what is unexplained
     findings: tuple[Finding, ...]
     limits: tuple[str, ...]  # what cannot be said, and what would cure it
     method: tuple[str, ...]
@@ -56,17 +62,21 @@ def report_of(
     status, rul = answer.get("status") or {}, answer["rul"]
     records = tuple(answer["windows"])
     since = status.get("since") or {}
+    reasons = tuple(status.get("reasons") or ())[:MOST_REASONS]
     life = rul.get("revolutions") if isinstance(rul.get("revolutions"), Mapping) else None
     return Report(
         asset=answer["asset"],
         made=(made or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC"),
         latest=_latest(status, records),
         level=status.get("level") or "no_verdict",
+        summary=status.get("summary") or " ".join(reasons[:1]),
         action=status.get("action") or "",
-        reasons=tuple((status.get("reasons") or ())[:MOST_REASONS]),
+        reasons=reasons,
         since=_since(since),
         data=_data(answer),
         figures=(*_depth(answer), *_life(answer), *_level(records)),
+        details=tuple(_details(answer)),
+        conclusions=tuple(verdict(answer)),
         findings=tuple(findings(answer)),
         limits=tuple(_limits(answer)),
         method=tuple(_method(answer)),
@@ -86,11 +96,12 @@ def report_of(
 
 
 def _latest(status: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> str:
-    """When the window began that the state rests on; of a state that names none, the latest."""
+    """When the window began that the state rests on, and how long before the latest; of none named, the latest."""
     if not records:
         return "no measurement yet"
-    start = (status.get("verdict") or {}).get("start_time")
-    return _moment(start or records[-1].get("start_time"))
+    rests_on = status.get("verdict") or {}
+    start = moment(rests_on.get("start_time") or records[-1].get("start_time"))
+    return f"{start}, {spoken_time(rests_on['age_s'])} before the latest window" if rests_on.get("age_s") else start
 
 
 def _again(answer: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
@@ -102,19 +113,10 @@ def _again(answer: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
     return tuple(sorted((n, depth) for n, depth in rows if n is not None and depth is not None))
 
 
-def available(part: Any) -> bool:
-    """Whether a part of the answer holds figures."""
-    return bool(part) and not (isinstance(part, Mapping) and part.get("status") == "not available")
-
-
-def _moment(text: Any) -> str:
-    return f"{text[:10]} {text[11:16]} UTC" if isinstance(text, str) and len(text) > 16 else "time not recorded"
-
-
 def _since(since: Mapping[str, Any]) -> str:
     parts = []
     if since.get("time"):
-        parts.append(_moment(since["time"]))
+        parts.append(moment(since["time"]))
     if since.get("revolutions") is not None:
         parts.append(f"{since['revolutions']:,.0f} pinion revolutions")
     return f"since {' and '.join(parts)}" if parts else ""
@@ -126,13 +128,6 @@ def _data(answer: Mapping[str, Any]) -> str:
         return f"{data['level']}: {data.get('reason', '')}".rstrip(": ")
     counts = answer["data_quality"].get("windows") or {}
     return ", ".join(f"{count} {grade}" for grade, count in counts.items() if count) or "no window"
-
-
-def _band(band: Mapping[str, Any], unit: str) -> str:
-    low, high = band.get("p05"), band.get("p95")
-    if high is None:
-        return f"at least {number(low)} {unit} (95 % confidence)" if low is not None else "no band"
-    return f"5–95 %: {number(low)} to {number(high)} {unit}"
 
 
 def _preliminary(part: Any) -> str:
@@ -157,7 +152,7 @@ def _depth(answer: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         if limit is None or depth.get("median") is None
         else f"; {100 * depth['median'] / limit:.0f} % of {limit:.0f} µm"
     )
-    return [("Wear depth", f"{number(depth.get('median'))} µm", f"{_preliminary(wear)}{_band(depth, 'µm')}{share}")]
+    return [("Wear depth", f"{number(depth.get('median'))} µm", f"{_preliminary(wear)}{band(depth, 'µm')}{share}")]
 
 
 def _life(answer: Mapping[str, Any]) -> list[tuple[str, str, str]]:
@@ -167,8 +162,10 @@ def _life(answer: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     hours, turns = rul["hours"], rul["revolutions"]
     name = "Remaining life, of wear alone" if rul.get("of_wear_alone") else "Remaining life"
     if hours.get("median") is None:
-        return [(name, f"at least {number(hours['p05'])} h", _sentence(rul.get("reason") or ""))]
-    detail = f"{_preliminary(rul)}{_band(hours, 'h')}; {number(turns['median'])} revolutions of the pinion{_date(rul)}"
+        detail = f"{number(turns.get('p05'))} revolutions of the pinion (95 % confidence)"
+        why = f"; {rul['reason']}" if rul.get("reason") else ""
+        return [(name, f"at least {number(hours['p05'])} h", f"{detail}{why}")]
+    detail = f"{_preliminary(rul)}{band(hours, 'h')}; {number(turns['median'])} revolutions of the pinion{_date(rul)}"
     if rul.get("of_wear_alone"):
         detail += "; the damage found is not counted in"
     return [(name, f"{number(hours['median'])} h", detail)]
@@ -193,6 +190,32 @@ def _level(records: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     return [("Vibration level (RMS)", f"{number(latest['rms_measured'])} m/s²", detail)]
 
 
+def _details(answer: Mapping[str, Any]) -> list[str]:
+    """What belongs to the wear depth: either wheel, its growth, the coefficient, and where the model does not hold."""
+    wear, rig = answer["wear"], answer.get("rig") or {}
+    if not available(wear) or not isinstance(wear.get("max_depth_um"), Mapping):
+        return []
+    wheels = wear["max_depth_um"]
+    out = [f"pinion {spread(wheels.get('pinion'), 'µm')}; gear {spread(wheels.get('gear'), 'µm')}"]
+    if growth := wear.get("growth"):
+        since = f"{growth['since_revolutions']:,.0f} revolutions"
+        out.append(f"grown since the first window that measured it ({since}): {spread(growth['max_depth_um'], 'µm')}")
+    out += [text for text in (wear.get("reason"), (wear.get("relation") or {}).get("note")) if text]
+    if wear.get("k_wear_per_n") is not None:
+        rate = number(wear.get("specific_wear_rate_m2_per_n"), 4)
+        out.append(f"wear coefficient K = {number(wear['k_wear_per_n'], 4)} 1/N; specific wear rate k = {rate} m²/N")
+        out += [f"mesh stiffness: {rig['mesh_stiffness']}"] if rig.get("mesh_stiffness") else []
+    validity = wear.get("validity")
+    if not isinstance(validity, Mapping) or validity.get("valid") is not False:
+        return out
+    why, loss = validity.get("reason"), validity.get("contact_loss_from_um")
+    if not why:
+        why = "the depth lies beyond the last computed steady state, the wear rate is extrapolated"
+        if loss is not None:
+            why += f"; the teeth lose contact for part of the mesh cycle from {number(loss, 4)} µm on"
+    return [*out, f"Warning: outside the validity of the model: {why}"]
+
+
 PARTS = {"wear": "wear depth", "rul": "remaining life", "residual": "residual", "calibration": "calibration"}
 
 
@@ -203,7 +226,7 @@ def _limits(answer: Mapping[str, Any]) -> list[str]:
         part = answer.get(key)
         if isinstance(part, Mapping) and part.get("status") == "not available":
             missing.setdefault(part["reason"], []).append(name)
-    out = [f"Not available: {', '.join(names)}. {_sentence(reason)}" for reason, names in missing.items()]
+    out = [f"Not available: {', '.join(names)}. {sentence(why)}" for why, names in missing.items()]
     said: set[str] = set()
     for key in ("wear", "rul"):
         preliminary = (answer.get(key) or {}).get("preliminary") or {}
@@ -211,16 +234,10 @@ def _limits(answer: Mapping[str, Any]) -> list[str]:
             for text in preliminary.get(kind) or ():
                 if text not in said:
                     said.add(text)
-                    out.append(f"{start}: {_sentence(text)}")
+                    out.append(f"{start}: {sentence(text)}")
     sufficiency = (answer.get("baseline") or {}).get("sufficiency") or {}
-    out += [f"Not judged: {item['what']}. {_sentence(item['reason'])}" for item in sufficiency.get("not_judged") or ()]
-    left = answer.get("unexplained") or {}
-    if left.get("verdict") == "insufficient_data" and left.get("reason") and left["reason"] not in missing:
-        out.append(f"The residual could not be judged: {_sentence(left['reason'], capital=False)}")
-    if left.get("verdict") == "explained" and left.get("reason"):
-        out.append(f"Small, and of no known effect: {_sentence(left['reason'], capital=False)}")
-    found, *sizes = (answer.get("detectable") or {}).get("said") or ("",)
-    return [*out, f"{found} {'; '.join(sizes)}."] if sizes else out
+    out += [f"Not judged: {item['what']}. {sentence(item['reason'])}" for item in sufficiency.get("not_judged") or ()]
+    return [*out, *((answer.get("detectable") or {}).get("said") or ())]
 
 
 def _method(answer: Mapping[str, Any]) -> list[str]:
@@ -242,19 +259,12 @@ def _method(answer: Mapping[str, Any]) -> list[str]:
         out.append("The machine has no model: two shaft encoders show its gear ratio, run-out and missed counts.")
     else:
         out.append("The machine has no model and no healthy baseline: only measured features are reported.")
+    out += _details(answer)
     out.append(
         "A 5–95 % band contains the true value nine times in ten if the model holds. "
         "Errors are computed on held-out measurements, which no fit used."
     )
-    left = answer.get("unexplained") or {}
-    if left.get("share_percent") is not None and left["share_percent"] <= 100:  # else the reason says by how much
-        limit = (
-            ""
-            if left.get("limit_percent") is None
-            else f" (limit of the held-out error: {left['limit_percent']:.0f} %)"
-        )
-        verdict = str(left.get("verdict", "")).replace("_", " ")
-        out.append(f"Unexplained: {number(left['share_percent'])} % of the measured energy; verdict: {verdict}{limit}.")
+    out += unexplained_sentences(answer)
     calibration = answer.get("calibration") or {}
     if available(calibration) and calibration.get("misfit") is not None:
         doubts = "; ".join(calibration.get("doubts") or ()) or "none"
@@ -262,6 +272,17 @@ def _method(answer: Mapping[str, Any]) -> list[str]:
             f"Misfit of the calibration: {number(calibration['misfit'])} (1 or less is a good fit); doubts: {doubts}."
         )
     return out
+
+
+def unexplained_sentences(answer: Mapping[str, Any]) -> list[str]:
+    """How much of the measured energy no part of the model explains."""
+    left = answer.get("unexplained") or {}
+    if left.get("share_percent") is None or left["share_percent"] > 100:  # then the reason says by how much
+        return []
+    verdict = str(left.get("verdict", "")).replace("_", " ")
+    limit = left.get("limit_percent")
+    held_out = "" if limit is None else f" (limit of the held-out error: {limit:.0f} %)"
+    return [f"Unexplained: {number(left['share_percent'])} % of the measured energy; verdict: {verdict}{held_out}."]
 
 
 def _quality(quality: Mapping[str, Any]) -> list[Row]:
@@ -302,37 +323,72 @@ def _machine(answer: Mapping[str, Any], machine: Mapping[str, Any] | None) -> li
     return [*rows, *(("note", note) for note in short.get("notes") or ())]
 
 
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a table of windows."""
+
+    title: str
+    key: str
+    rank: int  # the higher, the sooner it is left out where there is little room
+    report: bool = False  # whether a report has it
+
+
 WINDOW_COLUMNS = (
-    ("time", "start_time"),
-    ("revolutions", "revolutions"),
-    ("speed Hz", "speed_hz"),
-    ("torque N·m", "torque_nm"),
-    ("RMS m/s²", "rms_measured"),
-    ("model m/s²", "rms_predicted"),
-    ("depth µm", "wear_depth_um"),
-    ("data", "quality"),
+    Column("time", "start_time", 7, report=True),
+    Column("#", "index", 0),
+    Column("kind", "kind", 3),
+    Column("revolutions", "revolutions", 0, report=True),
+    Column("speed Hz", "speed_hz", 5, report=True),
+    Column("torque N·m", "torque_nm", 5, report=True),
+    Column("RMS meas.", "rms_measured", 0, report=True),
+    Column("RMS pred.", "rms_predicted", 1, report=True),
+    Column("error %", "error_percent", 2),
+    Column("RMS after", "rms_after", 6),
+    Column("K 1/N", "k_wear_per_n", 6),
+    Column("depth µm", "wear_depth_um", 0, report=True),
+    Column("updated", "updated", 4),
+    Column("data", "quality", 1, report=True),
 )
 
 
+def window_rows(records: Sequence[Mapping[str, Any]], columns: Sequence[Column] = WINDOW_COLUMNS) -> list[Row]:
+    """The cells of a table of windows."""
+    return [tuple(_cell(record.get(column.key), column.key) for column in columns) for record in records]
+
+
+def used_columns(records: Sequence[Mapping[str, Any]], report: bool = False) -> list[Column]:
+    """The columns that hold anything."""
+    shown = [c for c in WINDOW_COLUMNS if c.report or not report]
+    return [c for c in shown if any(_cell(r.get(c.key), c.key) not in ("", "–") for r in records)]
+
+
 def _windows(records: Sequence[Mapping[str, Any]]) -> list[Row]:
-    """The latest measurements with the columns that hold anything."""
+    """The latest measurements under their headings."""
     latest = [r for r in records if r.get("kind") != "calibration"][-MOST_WINDOWS:]
-    columns = [(title, key) for title, key in WINDOW_COLUMNS if any(r.get(key) is not None for r in latest)]
-    if not latest:
-        return []
-    return [tuple(title for title, _ in columns), *(tuple(_cell(r.get(k), k) for _, k in columns) for r in latest)]
+    columns = used_columns(latest, report=True)
+    return [tuple(c.title for c in columns), *window_rows(latest, columns)] if latest else []
 
 
 def _cell(value: Any, key: str) -> str:
     if key == "start_time":
-        return _moment(value).removesuffix(" UTC")
-    if key == "revolutions" and value is not None:
+        return "" if value is None else moment(value).removesuffix(" UTC")
+    if key == "updated":
+        return "yes" if value else ""
+    if key == "revolutions" and isinstance(value, (int, float)):
         return f"{value:,.0f}"
-    if key == "wear_depth_um" and value is not None:
-        return f"{value:.1f}"
-    return value if isinstance(value, str) else number(value)
+    return number(value, 4)
 
 
-def _sentence(text: str, capital: bool = True) -> str:
-    text = text[:1].upper() + text[1:] if capital else text
-    return text if not text or text.endswith(".") else f"{text}."
+def notes_of(records: Sequence[Mapping[str, Any]], known: str | None) -> list[str]:
+    """The notes of windows, each once, without the one that is the reason given already."""
+    noted: dict[str, list[str]] = {}
+    for record in records:
+        for note in record.get("notes") or ():
+            if note != known:
+                noted.setdefault(str(note), []).append(str(record.get("index")))
+    lines = []
+    for note, at in noted.items():
+        where = ", ".join(at) if len(at) <= MOST_NOTES else f"{at[0]} to {at[-1]} ({len(at)} windows)"
+        lines.append(f"Note on window {where}: {note}")
+    more = len(lines) - MOST_NOTES
+    return lines if more <= 0 else [*lines[:MOST_NOTES], f"and {more} more notes (see windows[].notes in the JSON)"]

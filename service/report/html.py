@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
-from service.report.content import LEVELS, Report, Row
-from service.report.trends import as_svg, trends
+from service.report.content import LEVELS, Report
 
 COLOURS = {
     "normal": "#1a7f37",
@@ -24,7 +23,7 @@ h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:1.6rem 0 .4rem;border-bo
 .card{border:1px solid #d0d7de;border-radius:6px;padding:.6rem .8rem}.card .value{font-size:1.4rem;font-weight:600}
 .card .detail,.more{color:#57606a;font-size:.9rem}table{border-collapse:collapse;font-size:.85rem;width:100%}
 td,th{border-bottom:1px solid #d0d7de;padding:3px 8px;text-align:left}figure{margin:.8rem 0}
-figure svg{max-width:100%;height:auto}.scroll{overflow-x:auto}dt{font-weight:600}dd{margin:0 0 .6rem 0}
+figure svg{max-width:100%;height:auto}dt{font-weight:600}dd{margin:0 0 .6rem 0}
 @media print{body{margin:0;max-width:none;font-size:11px}.appendix{break-before:page}
 figure,.card,dl>div{break-inside:avoid}}
 """
@@ -32,20 +31,22 @@ figure,.card,dl>div{break-inside:avoid}}
 
 def html(report: Report) -> str:
     """The page."""
-    title = f"Report on {escape(report.asset)}"
+    from service.report.trends import as_svg, trends
+
+    title = f"Report on {report.asset}"
     figures = "".join(
         f'<figure role="img" aria-label="{escape(text)}">{as_svg(f)}</figure>' for text, f in trends(report)
     )
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
-        f'<h1>{title}</h1><p class="sub">State as of {escape(report.latest)}; made {escape(report.made)}.</p>'
+    return page(
+        title,
+        _STYLE,
+        f'<p class="sub">State as of {escape(report.latest)}; made {escape(report.made)}.</p>'
         f"{_state(report)}{_cards(report)}{'<h2>Trends</h2>' + figures if figures else ''}{_findings(report)}"
-        f"{_list('What cannot be said yet', report.limits)}"
-        f'<section class="appendix"><h2>Appendix: method</h2>{_paragraphs(report.method)}'
-        f"{_table('Appendix: data quality', report.quality)}{_table('Appendix: machine', report.machine)}"
-        f"{_table('Appendix: latest measurements', report.windows, head=True)}"
-        f"{_table('Appendix: versions', report.versions)}</section></body></html>"
+        f"{bullets('What cannot be said yet', report.limits)}"
+        f'<section class="appendix"><h2>Appendix: method</h2>{paragraphs(report.method)}'
+        f"{table('Appendix: data quality', report.quality)}{table('Appendix: machine', report.machine)}"
+        f"{table('Appendix: latest measurements', report.windows[1:], report.windows[:1])}"
+        f"{table('Appendix: versions', report.versions)}</section>",
     )
 
 
@@ -69,30 +70,41 @@ def _cards(report: Report) -> str:
 
 
 def _findings(report: Report) -> str:
-    if not report.findings:
-        return ""
     rows = "".join(
         f"<div><dt>{escape(f.title)}</dt><dd>{escape(' '.join(f.sentences))}</dd></div>" for f in report.findings
     )
-    return f"<h2>What else was found, and how sure</h2><dl>{rows}</dl>"
+    found = f"<dl>{rows}</dl>" if rows else ""
+    return f"<h2>What else was found, and how sure</h2>{paragraphs(report.conclusions)}{found}"
 
 
-def _list(title: str, lines: Sequence[str]) -> str:
-    if not lines:
-        return ""
-    return f"<h2>{escape(title)}</h2><ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+# -- what every page is made of --------------------------------------------------------------------------
 
 
-def _paragraphs(lines: Sequence[str]) -> str:
+def page(title: str, style: str, content: str) -> str:
+    """A page that needs nothing else."""
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{style}</style></head>'
+        f"<body><h1>{escape(title)}</h1>{content}</body></html>"
+    )
+
+
+def bullets(title: str, lines: Iterable[str]) -> str:
+    """A list under its title; empty where there is nothing."""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<h2>{escape(title)}</h2><ul>{items}</ul>" if items else ""
+
+
+def paragraphs(lines: Iterable[str]) -> str:
+    """Each line as a paragraph."""
     return "".join(f"<p>{escape(line)}</p>" for line in lines)
 
 
-def _table(title: str, rows: Sequence[Row], head: bool = False) -> str:
-    if not rows:
-        return ""
-    tags = ["th" if head and not i else "td" for i in range(len(rows))]
-    body = "".join(
-        "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
-        for tag, row in zip(tags, rows, strict=True)
+def table(title: str, rows: Iterable[Sequence[str]], heads: Iterable[Sequence[str]] = ()) -> str:
+    """A table under its title; empty where it has no row."""
+    head, body = (
+        "".join(f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in row)}</tr>" for row in part)
+        for tag, part in (("th", heads), ("td", rows))
     )
-    return f'<h2>{escape(title)}</h2><div class="scroll"><table>{body}</table></div>'
+    shown = f'<div style="overflow-x:auto"><table>{head}{body}</table></div>'
+    return f"<h2>{escape(title)}</h2>{shown}" if body else ""

@@ -62,12 +62,10 @@ def _first(report: Report, styles: dict[str, ParagraphStyle]) -> list[Flowable]:
         flow += [_cards(report, styles), Spacer(0, 2 * mm)]
     for _, figure in trends(report):
         flow.append(Image(as_png(figure), width=WIDTH, height=WIDTH * SIZE[1] / SIZE[0]))
-    if report.findings:
-        flow.append(_text("What else was found, and how sure", styles["heading"]))
-        for finding in report.findings:
-            flow.append(
-                Paragraph(f"<b>{escape(finding.title)}.</b> {escape(' '.join(finding.sentences))}", styles["body"])
-            )
+    flow.append(_text("What else was found, and how sure", styles["heading"]))
+    flow += [_text(line, styles["body"]) for line in report.conclusions]
+    for finding in report.findings:
+        flow.append(Paragraph(f"<b>{escape(finding.title)}.</b> {escape(' '.join(finding.sentences))}", styles["body"]))
     return flow + _list("What cannot be said yet", report.limits, styles)
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.cli.baseline_report import learned_text, text
 from service.contract.parts import Baseline as Contract
 from service.files.baseline import Loaded, answer, load, modulation_of, read_baseline, save
+from service.report.baseline import comparison_text, learned_text
 from service.stream.sources.mcap import read_windows
 from tests.claims.healthy_machines import Machine
 from tests.instrument_faults import clock
@@ -103,7 +103,7 @@ def test_lines_of_no_shaft_that_healthy_recordings_show_are_not_new(machine):
     assert len(found.unattributed_lines[0].healthy) == RECORDINGS
     assert not is_changed(found), found.unexplained.reason
     given = Loaded(machine.rig, "bench", [], [], [])
-    said = text(answer(given, baseline(machine), found))
+    said = comparison_text(answer(given, baseline(machine), found))
     assert "Unknown effect" not in said and "not new" in said
 
 
@@ -212,7 +212,7 @@ def test_windows_of_one_file_of_two_minutes_are_one_recording(windows):
     found = compare_with_baseline(known, PLAIN.rig, [window(PLAIN, 9, "new#0")])
     assert found.unexplained.verdict != "explained"
     assert found.raw_limit.not_compared  # one recording shows no scatter from one to the next
-    said = text(answer(Loaded(PLAIN.rig, "bench", [], [], []), known, found))
+    said = comparison_text(answer(Loaded(PLAIN.rig, "bench", [], [], []), known, found))
     assert "Nothing is known to differ" not in said
 
 

@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from service.cli.baseline_report import learned_text
 from service.contract.parts import Baseline
+from service.report.baseline import learned_text
 from tests.claims.test_baseline import RIG, SHAFTS, machine, parts
 from twin.baseline.comparison import described
 from twin.baseline.diagnosis import diagnose

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.cli.modulation import sentences
 from service.contract.parts import Modulation
 from service.files.import_recording import import_recording
+from service.report.lines import modulation_sentences
 from service.stream.sources.mcap import read_windows
 from tests.unit.test_step import minimal_rig
 from twin.baseline.comparison import pair_shafts
@@ -124,7 +124,7 @@ def rig():
 
 def test_sidebands_stronger_than_the_mesh_lines_are_not_called_a_modulation():
     one = Modulation.of(found(window(1.4))[0]).as_json()
-    (said, _) = sentences([one])
+    (said, _) = modulation_sentences([one])
     assert "more than a modulation can be" in said and "amplitude modulation" not in said
 
 
@@ -132,7 +132,7 @@ def test_sidebands_stronger_than_the_mesh_lines_are_not_called_a_modulation():
 def test_answer_names_sidebands_shaft_depth_and_possible_causes(encoder):
     _, assessment = step(rig(), State(), window(0.15, encoder=encoder), Options(trace=False))
     (one,) = assessment.modulation
-    text = " ".join(sentences([Modulation.of(one).as_json()]))
+    text = " ".join(modulation_sentences([Modulation.of(one).as_json()]))
     assert "Sidebands of ±1 × pinion speed (24.6" in text
     assert "mesh harmonic 1, 2, 3" in text and "amplitude modulation of 15" in text and "once per pinion turn" in text
     assert "run-out or eccentricity of the pinion" in text and "cannot be distinguished" in text
@@ -152,7 +152,7 @@ def test_modulation_deeper_than_in_the_healthy_baseline_is_new(depth, new):
     (one,) = against_baseline(found(window(depth, seed=9)), known)
     assert one.new is new
     assert one.healthy == pytest.approx((0.05, 0.06), abs=2e-3)
-    (said,) = sentences([Modulation.of(one).as_json()])
+    (said,) = modulation_sentences([Modulation.of(one).as_json()])
     assert ("new: 5 to 6 % in the healthy baseline" if new else "as before: 5 to 6 % in the healthy") in said
 
 

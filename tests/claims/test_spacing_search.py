@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from service.cli.non_gear import search_sentences
+from service.report.lines import search_sentences
 from tests.claims.test_baseline import RATE, RIG, SHAFTS, TEETH, machine
 from twin.baseline.causes import one_bearing
 from twin.baseline.comparison import lines_without_shaft

@@ -12,7 +12,8 @@ from service.access.access import Access
 from service.access.keys import KeyStore
 from service.access.roles import Role, Who
 from service.api import create_app
-from service.cli.audit import entry_line
+from service.cli.alarms import AUDITED
+from service.report.words import listed
 from service.results.audit_log import AuditLog
 
 INSPECTION = {"revolutions": 6000, "max_depth_um": 150.0, "flank": "combined", "std_um": 4.0}
@@ -70,7 +71,8 @@ def test_every_change_is_entered_with_who_when_what_why_and_its_outcome(app, key
     assert [e["outcome"] for e in found[1:]] == ["queued", "queued", "queued", "done", "done"]
     assert [e["note"] for e in found[2:]] == ["seen"] * 4
     assert found[2]["what"] == {"effect": "misalignment", "decision": "pin"} and found[2]["asset"] == "unsw"
-    assert "ann" in entry_line(found[2]) and "decision unsw" in entry_line(found[2])
+    line = listed(found, AUDITED)[3]
+    assert "ann" in line and "decision" in line and "unsw" in line and "effect misalignment, decision pin" in line
 
 
 def test_nobody_signs_with_the_name_of_another(app, keys, store):

@@ -17,11 +17,11 @@ import pytest
 import service_fakes as fakes
 
 from service.api import create_app
-from service.cli.answer import answer_text
 from service.contract.answer import assemble
 from service.contract.status import status_of
 from service.report import rendered
 from service.report import report_of as made_report
+from service.report.text import answer_text
 from service.results.board import Board
 from service.results.window_jobs import WindowJobs
 from service.runtime.outcomes import WindowOutcome
@@ -93,7 +93,7 @@ def test_command_line_and_report_say_health_action_and_data_apart(name, shown):
     answer = shown.get(name).whole
     level = MACHINES[name][1].replace("_", " ")
     text = answer_text(answer)
-    assert f"Status: {level}." in text and "Data: ok; the latest window is good" in text
+    assert f"Status: {level}." in text and "Data: ok: the latest window is good" in text
     assert "Action: " in text and "Status: normal" not in text
     report = made_report(answer)
     page = rendered(report, "html").decode()

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from service.cli import run
-from service.cli.encoder_pair import plots, sentences
 from service.contract.answer import Asset
 from service.contract.parts import EncoderPair
 from service.errors import InputError
 from service.files.import_recording import import_recording
+from service.report.lines import pair_sentences
+from service.report.plots import pair_plots
 from service.runtime.assess import assess
 from service.stream.sources.mcap import Recording, read_windows
 from tests.claims.test_encoder_pair import PER_TURN, RATE, counts, levels, marked
@@ -165,8 +166,8 @@ def test_sharp_steps_are_told_and_drawn(what, said, drawn):
     pinion, gear = marked(7, **what)
     window = Window(start_time_ns=1, encoders={"pinion": pinion, "gear": gear})
     section = EncoderPair.of(assess_pair(Rig.from_mapping({}), window, 0)).as_json()
-    assert said in "\n".join(sentences(section))
-    (mark,) = plots(section)[0].layout.annotations
+    assert said in "\n".join(pair_sentences(section))
+    (mark,) = pair_plots(section)[0].layout.annotations
     assert drawn in mark.text
 
 

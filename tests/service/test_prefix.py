@@ -29,7 +29,7 @@ READING = {  # what each needs after its recording
 }
 HANDED_ON = {  # what the prefix is handed to
     "replay": (["RECORDING"], "service.runtime.replay.replay"),
-    "record": (["--out", "OUT.mcap", "--connect", "tcp/127.0.0.1:9"], "service.cli.live.record_live"),
+    "record": (["--out", "OUT.mcap", "--connect", "tcp/127.0.0.1:9"], "service.cli.recordings.record_live"),
     "serve": ([], "service.runtime.serve.run"),
     "demo": (["--exit"], "service.runtime.demo.run"),
 }

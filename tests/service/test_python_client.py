@@ -138,7 +138,7 @@ def test_what_a_duty_and_a_date_are_sent_as(service, monkeypatch):
     sent = []
 
     def answer(path, body, **_):
-        sent.append((path, body))
+        sent.append((path, {name: value for name, value in body.items() if value is not None}))
         raise gear_twin.ServiceError(409, "no window of unsw has been assessed yet")
 
     monkeypatch.setattr(service, "post", answer)

@@ -8,7 +8,7 @@ import pytest
 from service_streams import free_port, write_recording
 
 from service.cli import run
-from service.cli.ready import own_address
+from service.cli.rest import own_address
 
 
 def test_a_service_that_accepts_frames_is_ready(address, capsys):

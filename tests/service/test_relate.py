@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from service.cli import run
-from service.cli.relation_report import kept_combination
 from service.contract.estimate import step
 from service.errors import InputError
 from service.files.relation import read_relation
 from service.files.series import load_series
+from service.report.relation import kept_combination
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from tests.mesh_pairs import UNSW_RIG
 from tests.service.test_baselines import recording
@@ -408,4 +408,4 @@ def test_assess_gives_the_depth_by_a_relation_file(tmp_path, rig, window, capsys
     said = capsys.readouterr().out
     assert "µm" in said and "does not state the sensor and band" in said
     assert run(["report", str(out)]) == 0
-    assert "life: not available" in capsys.readouterr().out.lower()
+    assert "Not available: remaining life" in capsys.readouterr().out

@@ -13,7 +13,7 @@ from benchmarks.scoring import run as run_windows
 from benchmarks.scoring import windows_of
 from service.api import create_app
 from service.cli import run
-from service.cli.what_if import text
+from service.cli.answers import what_if_text
 from service.contract.estimate import step
 from service.contract.what_if import WhatIfIn
 from service.contract.what_if_answer import answer
@@ -117,9 +117,8 @@ def test_preliminary_life_is_said_in_answer_and_text():
     found = answer(ASSET, rig, state, WhatIfIn(hours=1.0))
     (reason,) = found["preliminary"]["reasons"]
     assert "the wear rate rests on 1 of at least 3 worn windows" in reason
-    assert f"  preliminary: {reason}" in text(found) and "  to settle it: record 2 more windows at this speed" in text(
-        found
-    )
+    said = what_if_text(found)
+    assert f"  preliminary: {reason}" in said and "  to settle it: record 2 more windows at this speed" in said
 
 
 @pytest.mark.slow

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from gear_twin import Result
-from service.cli.answer import answer_text
 from service.contract.answer import assemble, report_of
 from service.contract.finding import MOST_WORDS, shortened
 from service.contract.overview import overview
 from service.contract.status import of_wear_alone, status_of
 from service.report import report_of as paper_of
+from service.report.text import answer_text
 from tests.unit.test_status import HEALTHY, effect, life, wear
 from tests.unit.test_verdict_window import NOT_ASSESSED, START, Rhythm, followed, judged
 from twin.assessment import LevelExcess, Preliminary, Unavailable, Unexplained
@@ -93,7 +93,7 @@ DAMAGED = {
 def test_life_beside_a_found_damage_is_of_wear_alone_wherever_it_stands(found):
     answer = answer_of(found)
     assert answer["rul"]["of_wear_alone"] is True and overview(answer, None)["life_of_wear_alone"]
-    assert "Remaining life of wear alone, without the damage found" in answer_text(answer)
+    assert "Remaining life, of wear alone: " in answer_text(answer)
     names = [name for name, _, _ in paper_of(answer).figures]
     assert "Remaining life, of wear alone" in names and "Remaining life" not in names
     assert "remaining life, of wear alone" in Result(answer)._repr_html_()

@@ -198,14 +198,14 @@ def test_level_is_a_setting(capsys):
     ids=lambda command: command[0],
 )
 def test_every_command_that_goes_on_for_long_logs_by_the_settings(command, monkeypatch, capsys, tmp_path):
-    from service.cli import live, run
+    from service.cli import recordings, run
     from service.runtime import replay, serve
 
     def logged(*given, **named):
         log.warning("%s is said", "something")
         raise InputError("that is all")
 
-    for module, name in ((serve, "run"), (replay, "replay"), (live, "record_live")):
+    for module, name in ((serve, "run"), (replay, "replay"), (recordings, "record_live")):
         monkeypatch.setattr(module, name, logged)
     monkeypatch.setenv("GEAR_TWIN_LOG_FORMAT", "json")
     monkeypatch.setenv("GEAR_TWIN_DATA", str(tmp_path))

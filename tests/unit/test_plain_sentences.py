@@ -7,12 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from service.cli.assets import change_line
-from service.cli.diagnosis import verdict
 from service.contract import effect_findings
 from service.contract.parts import Effect
 from service.contract.status import data_of, status_of
 from service.report.findings import findings as report_findings
+from service.report.findings import verdict
 from tests.estimated_machines import rig_of
 from tests.unit.test_status import HEALTHY, effect
 from twin.assessment import Unexplained
@@ -31,12 +30,10 @@ def test_change_against_a_baseline_has_its_unit_in_the_status():
     assert "rms 0.343 m/s²." in status_of(replace(HEALTHY, effects=(seen,))).reasons[0]
 
 
-def test_kinds_of_faults_and_changes_are_shown_in_words():
+def test_kinds_of_faults_are_shown_in_words():
     fault = {"kind": "counter_reset", "channel": "encoder/pinion"}
     record = {"quality": "degraded", "start_time": "t", "faults": [fault]}
     assert data_of([record]).reason == "the latest window is degraded: counter reset in encoder/pinion"
-    made = {"kind": "gears_replaced", "received": "2026-01-01T10:00:00", "done": True}
-    assert change_line(made) == "2026-01-01 10:00  gears replaced"
 
 
 def test_machine_without_an_accelerometer_is_not_said_to_vibrate():

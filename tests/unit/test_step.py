@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.cli.answer import WINDOW_COLUMNS, window_rows
 from service.contract.answer import Asset, assemble
 from service.contract.estimate import step
 from service.files.recorded_rig import rig_of
+from service.report.content import WINDOW_COLUMNS, window_rows
 from service.stream.sources.mcap import Recording, read_windows
 from twin.assessment import Unexplained
 from twin.capabilities import CAPABILITIES

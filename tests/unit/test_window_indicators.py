@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from service.cli.indicators import indicator_lines
 from service.contract.window import WindowRecord
+from service.report.text import indicator_lines
 from twin.rig import Rig
 from twin.state import State
 from twin.step import Options, step

@@ -1,27 +1,23 @@
-"""What `gear-twin relate` prints, and its page with figures."""
+"""What `gear-twin relate` and `depths` found, in sentences and tables."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from typing import Any
 
-from service.cli.diagnosis_figures import AFTER, BEFORE, LOOK, MEASURED, STYLE
-from service.cli.figure_style import as_html
-from service.cli.show import number
 from service.files.level_table import FOUND
+from service.report.words import number
 
-SPLINE = "#2ca02c"
 TABLE = "What was tested"
 NAME = 26  # characters of a name
 
 
-def text(answer: Mapping[str, Any]) -> str:
+def relation_text(answer: Mapping[str, Any]) -> str:
     """Sentences and tables as plain text."""
     conditions = list(answer["conditions"])
     head = "".join(f"{k:>18}" for k in conditions)
     lines = [f"Level against wear depth of {answer['asset']}: {answer['description']}", ""]
-    lines += sentences(answer)
+    lines += relation_sentences(answer)
     lines += [
         "",
         f"{TABLE}: error on worn cases left out, each in turn, mean (worst) %; ln evidence over the background",
@@ -112,7 +108,7 @@ def basis_sentences(basis: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def sentences(answer: Mapping[str, Any]) -> list[str]:
+def relation_sentences(answer: Mapping[str, Any]) -> list[str]:
     """What came out, in words."""
     worn = sum(c["depth_um"] > 0 for c in answer["cases"])
     unworn = len(answer["cases"]) - worn
@@ -159,99 +155,3 @@ def depths_text(rows: list[dict[str, Any]]) -> str:
         band = "not available".rjust(32) if row["p05_um"] is None else depth_band(row)
         lines.append(f"{name:<20}{band}{'   ' + row['reason'] if row['reason'] else ''}".rstrip())
     return "\n".join(lines)
-
-
-def page(answer: Mapping[str, Any]) -> str:
-    """HTML with the sentences, the table and the figures."""
-    title = f"Level against wear depth of {escape(answer['asset'])}"
-    told = "".join(f"<p>{escape(line)}</p>" for line in sentences(answer))
-    table = text(answer).partition(TABLE)
-    drawn = [_levels(answer), _causes(answer), _apart(answer)]
-    figures = as_html(drawn)
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style>'
-        f"<h1>{title}</h1><p>{escape(answer['description'])}</p>{told}{figures}"
-        f'<pre style="overflow-x:auto">{escape(table[1] + table[2])}</pre>'
-    )
-
-
-def _levels(answer: Mapping[str, Any]) -> Any:
-    """Cases and curves, one panel a condition."""
-    from plotly.subplots import make_subplots
-
-    conditions = list(answer["conditions"])
-    plot = make_subplots(rows=1, cols=len(conditions), subplot_titles=conditions)
-    for i, k in enumerate(conditions, 1):
-        curve, first = answer["curves"][k], i == 1
-        common: dict[str, Any] = {"row": 1, "col": i}
-        plot.add_scatter(
-            x=curve["depth_um"], y=curve["high"], mode="lines", line_width=0, showlegend=False, hoverinfo="skip",
-            **common,
-        )  # fmt: skip
-        plot.add_scatter(
-            x=curve["depth_um"], y=curve["low"], mode="lines", line_width=0, fill="tonexty",
-            fillcolor="rgba(31,119,180,0.15)", name="5–95 % of a new assembly", showlegend=first, legendgroup="band",
-            **common,
-        )  # fmt: skip
-        plot.add_scatter(
-            x=curve["depth_um"], y=curve["level"], mode="lines", line_color=AFTER, name="chosen relation",
-            showlegend=first, legendgroup="relation", **common,
-        )  # fmt: skip
-        plot.add_scatter(
-            x=curve["depth_um"], y=curve["twin"], mode="lines", line={"color": BEFORE, "dash": "dash"},
-            name="model with background", showlegend=first, legendgroup="twin", **common,
-        )  # fmt: skip
-        plot.add_scatter(
-            x=curve["spline_depth_um"], y=curve["spline"], mode="lines", line={"color": SPLINE, "dash": "dot"},
-            name="spline", showlegend=first, legendgroup="spline", **common,
-        )  # fmt: skip
-        plot.add_scatter(
-            x=[c["depth_um"] for c in answer["cases"]], y=[c["level"][k] for c in answer["cases"]],
-            error_y={"array": [c["scatter"][k] for c in answer["cases"]], "thickness": 1}, mode="markers",
-            marker_color=MEASURED, text=[c["name"] for c in answer["cases"]], name="measured, one an assembly",
-            showlegend=first, legendgroup="cases", **common,
-        )  # fmt: skip
-    plot.update_xaxes(title="largest wear depth [µm]")
-    plot.update_yaxes(title="RMS [m/s²]", rangemode="tozero")
-    plot.update_layout(title="Level against wear depth", **LOOK | {"height": 500, "margin": {"t": 140}})
-    plot.update_layout(legend={"orientation": "h", "y": 1.1, "yanchor": "bottom"})
-    return plot
-
-
-def _causes(answer: Mapping[str, Any]) -> Any:
-    """Mean errors on cases left out, by what was tried."""
-    import plotly.graph_objects as go
-
-    rows = [t for t in answer["trials"] if t["name"] != "twin"]  # without a background its bar hides all others
-    rows = [*rows, {"name": "chosen", **answer["chosen"]}]
-    plot = go.Figure()
-    for k, colour in zip(answer["conditions"], (AFTER, BEFORE, SPLINE, MEASURED), strict=False):
-        plot.add_bar(
-            x=[r["name"] for r in rows], y=[r["mean_error_percent"][k] for r in rows], name=k, marker_color=colour
-        )
-    plot.update_layout(
-        title="Error on left-out worn cases (the model with a gain alone is beyond the scale)",
-        yaxis_title="mean |error| [%]",
-        **LOOK,
-    )
-    return plot
-
-
-def _apart(answer: Mapping[str, Any]) -> Any:
-    """How much of the time no tooth touches."""
-    import plotly.graph_objects as go
-
-    plot = go.Figure()
-    for k, colour in zip(answer["conditions"], (AFTER, BEFORE, SPLINE, MEASURED), strict=False):
-        apart = answer["curves"][k]["apart"]
-        plot.add_scatter(
-            x=apart["depth_um"], y=[100 * s for s in apart["share"]], mode="lines", name=k, line_color=colour
-        )
-    plot.update_layout(
-        title="Time without contact, modelled with the values of the rig file",
-        xaxis_title="largest wear depth [µm]",
-        yaxis_title="share of the time [%]",
-        **LOOK,
-    )
-    return plot
