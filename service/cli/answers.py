@@ -186,7 +186,7 @@ def with_assumed_radii(answer: Mapping[str, Any], radii_mm: tuple[float, float])
 
     Raises InputError where a radius cannot be, the answer has no pair, or the rig file has base radii.
     """
-    from service.contract.encoder_pair import with_assumed_radii as on_assumed_radii
+    from service.contract.parts import with_assumed_radii as on_assumed_radii
     from service.report.words import reason
 
     low, high = RADII_MM

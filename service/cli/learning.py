@@ -86,14 +86,14 @@ def baseline(
     prefix: Prefix = None,
 ) -> Shown:
     """Learn a healthy baseline for a machine without a model: every spectral line against load and speed."""
-    from service.contract.baseline import Baseline
+    from service.contract.parts import json_of
     from service.files.baseline import learned, save
     from service.report.baseline import learned_text
     from twin.baseline.comparison import described
 
     found = learned(recordings, rig, windowing(), prefix_of(prefix))
     save(found, out)
-    said = Baseline.of(described(found)).as_json()
+    said = json_of(described(found))
     return Shown(said, lambda: learned_text(said), (f"baseline written to {out}",))
 
 

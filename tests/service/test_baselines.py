@@ -97,7 +97,7 @@ def test_fault_is_named_with_errors_and_without_wear(folder, file, capsys):
     assert "a local fault of one tooth" in html and "Mesh bands, RMS" not in html
     assert html.count("plotly-graph-div") == 2  # bands, and the turn of the shaft: no way to a sensor has changed
     said = capsys.readouterr().out
-    assert "a local fault of one tooth (a)" in said and "not available" in said
+    assert "A local fault of one tooth (a)" in said and "not available" in said
     answer = json.loads((folder / "fault.json").read_text())
     (effect,) = answer["effects"]
     assert effect["name"] == "tooth_crack" and effect["parameters"]["shaft_order"]["value"] == pytest.approx(2 / 3)

@@ -23,11 +23,11 @@ from service.fleet.layout import NAMES, Layout, partition_of
 from service.fleet.listener import Listener
 from service.fleet.lookup import partition_in_use
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import ALARM, announce, channel_of
+from service.fleet.notices import announce, channel_of
 from service.results.alarm_store import AlarmStore
 from service.results.baseline_store import BaselineStore
 from service.results.board import Board
-from service.results.job_queue import JobQueue
+from service.results.job_queue import ALARM, JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.unknown_assets import UnknownAssets
@@ -168,6 +168,7 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
             queue=JobQueue(Jobs(store.database)),
             windows=WindowJobs(store.database),
             names=Names(store.database),
+            alarms=alarms,
             baselines=BaselineStore(store.database, tmp_path),
         )
         known = PartitionStreams(LAYOUT, OWN, "gearbox")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
-from service_streams import free_port, write_recording
+from service_streams import free_port
 
 from service.cli import run
 from service.cli.rest import own_address
+
+FAULTY = Path(__file__).parents[2] / "recordings" / "faulty-campaign.mcap"
 
 
 def test_a_service_that_accepts_frames_is_ready(address, capsys):
@@ -31,10 +34,10 @@ def test_the_address_is_that_of_the_settings(monkeypatch, listening, asked):
     assert own_address(None) == asked
 
 
+@pytest.mark.slow
 def test_a_command_names_the_extra_that_has_its_package(monkeypatch, tmp_path, capsys):
-    recording = write_recording(tmp_path / "campaign.mcap", windows=2)
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
-    assert run(["diagnose", str(recording), "--out", str(tmp_path / "page.html")]) == 2
+    assert run(["diagnose", str(FAULTY), "--out", str(tmp_path / "page.html")]) == 2
     line = capsys.readouterr().err.splitlines()[-1]
     assert "needs the package plotly, which is not installed here" in line and "gear-twin[analysis]" in line

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from service.fleet.rows import _looks_alike
+from service.results.asset_rows import _looks_alike
 from service.results.board import Snapshot
 from service.runtime.computing import Ask, Call
 from service.runtime.packed_state import NEW
