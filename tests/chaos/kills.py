@@ -129,8 +129,8 @@ def _acknowledged(data: Path) -> dict[str, set[int]]:
     """Start of every window that is committed or waits, by asset [ns]; of a service that has ended."""
     found: dict[str, set[int]] = {asset: set() for asset in ASSETS}
     with sqlite3.connect(data / DATABASE) as db:
-        for table in ("windows", "waiting"):
-            for asset, start in db.execute(f"SELECT asset, start_ns FROM {table}"):
+        for rows in ("windows", "jobs WHERE kind = 'window'"):
+            for asset, start in db.execute(f"SELECT asset, start_ns FROM {rows}"):
                 found[asset].add(start)
     db.close()
     return found

@@ -12,10 +12,10 @@ import jsonschema
 import pytest
 import service_fakes as fakes
 
+from service import api
 from service.access.access import Access
 from service.api import assets, create_app
 from service.results.job_queue import JobQueue
-from service.results.jobs import Jobs
 
 PARTS = ("wear", "rul", "residual", "effects")
 
@@ -73,7 +73,7 @@ def client(store, board):
 
 
 def test_every_app_has_the_same_description(client, store, board):
-    assert create_app(board, store, JobQueue(Jobs(store.database)), access=Access()).openapi() == client.schema
+    assert create_app(board, store, JobQueue(api.Jobs(store.database)), access=Access()).openapi() == client.schema
 
 
 def test_each_route_of_an_app_is_the_one_that_its_module_made(store, board):
@@ -202,7 +202,7 @@ def test_metrics_that_wait_for_the_store_hold_no_other_request_up(client, store,
 @pytest.mark.slow
 def test_decisions_that_wait_hold_no_thread(store, board):
     fakes.campaign(store, board)
-    app = create_app(board, store, JobQueue(Jobs(store.database)))
+    app = create_app(board, store, JobQueue(api.Jobs(store.database)))
     app.state.decision_wait = 6.0
 
     async def crowd():

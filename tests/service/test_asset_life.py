@@ -434,7 +434,7 @@ def test_the_command_lists_the_question_and_answers_it(running, network, first, 
         "other_machine of unsw: done\n"
     )
     running.wait_for_windows(WINDOWS, "bench-2")
-    assert "other machine  by me; name bench-2" in gear_twin("changes", "unsw")
+    assert gear_twin("changes", "unsw").split()[-4:] == ["other_machine", "yes", "me", "bench-2"]
     assert gear_twin("rename", "bench-2", "press-7") == "renamed of bench-2: done\n"
     assert gear_twin("retire", "press-7", "--note", "scrapped") == "retired of press-7: done\n"
     assert "press-7  retired" in gear_twin("list")
