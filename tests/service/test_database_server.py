@@ -13,8 +13,10 @@ from service_streams import Service, wait_until, write_recording
 
 from service.cli import run
 from service.errors import StorageUnavailable
+from service.results.claims import LOCK
 from service.results.sql_store import SqlStore
 
+CLAIMED = f"SELECT pid FROM pg_locks WHERE locktype = 'advisory' AND granted AND objid = {LOCK}"
 DROP = "SELECT pg_terminate_backend(pid, 5000) FROM pg_stat_activity WHERE application_name LIKE 'gear-twin%%'"
 
 
@@ -107,6 +109,7 @@ def test_a_server_that_is_away_at_the_start_and_later_is_waited_for(postgresql, 
         postgresql_server.start()
     wait_until(lambda: reason_of(running) is None, 60.0)
     assert len(running.windows()) == 2
+    wait_until(lambda: postgresql_server.sql(CLAIMED), 30.0)  # it is read before it is written to again
     with pytest.raises(AssertionError, match="another service uses this database"):
         Service(tmp_path / "other", DATABASE=postgresql).start()
     assert running.end()[0] == 0
