@@ -15,8 +15,7 @@ from importlib import import_module
 import ray
 
 from service.errors import NewerTables, StoreError
-from service.fleet.engine import END_WAIT, Condition
-from service.fleet.layout import Layout
+from service.fleet.layout import END_WAIT, Condition, Layout
 from service.fleet.partition import serve_partition
 from service.fleet.searches import Search, Submit
 from service.logs import logging_by

@@ -14,31 +14,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from service.errors import DeliveryError
-from service.fleet.layout import Layout
+from service.fleet.layout import END_WAIT, Condition, Layout
 from service.fleet.ray_session import NAMESPACE, ROOM
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
 
-END_WAIT = 20.0  # for the end of a partition in good order [s]
 CORES = 0.001  # of a core that the placement counts for a partition: room is counted in partitions
 ASK_WAIT = 1.0  # for the answers of a look [s]
 ALARM_AFTER = 20.0  # time without service after which a partition is an alarm [s]
 SPREAD_AFTER = 10.0  # time after a node has come in which Ray has placed what it can [s]
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """How a partition is, by its own process.
-
-    node    the number of the node that it is on
-    served  whether it has been taken
-    late    its loops that hang or have ended
-    """
-
-    node: str
-    served: bool
-    late: tuple[str, ...] = ()
 
 
 @dataclass(slots=True, eq=False)

@@ -35,6 +35,7 @@ from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
 MOST_PARTITIONS = 1000
+END_WAIT = 20.0  # for the end of a partition in good order [s]
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
 
@@ -82,6 +83,20 @@ AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
 COMMITS = LAST_COMMITS.to_metadata(METADATA, schema=SCHEMA)
 PRESENT = sa.select(FACTS.c.value).where(FACTS.c.name == REVISED)  # revision of the tables
 _SHARED = PRESENT.with_for_update(read=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """How a partition is, by its own process.
+
+    node    the number of the node that it is on
+    served  whether it has been taken
+    late    its loops that hang or have ended
+    """
+
+    node: str
+    served: bool
+    late: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -301,14 +301,7 @@ class Worker(threading.Thread):
             spool.add(closed)
 
         rows = AssetRows(store.database, board, self.shown)
-        reception = self._reception = Reception(
-            lambda asset: self._rigs.of(asset, offered, known.get(asset)),
-            close,
-            noticed=self._noticed,
-            assembly=replace(assembly_settings(self._settings), clocked=True),
-            host_clock=later_time_ns,
-            used=self._keep_raw,
-        )
+        reception = self._reception = self._receiving(offered, close)
         lanes = self._lanes = Lanes(
             reception,
             ServiceSink(store, board, publication, windows, signals=self._signals, alarms=kept.alarms, rows=rows),
@@ -372,6 +365,17 @@ class Worker(threading.Thread):
                 publication.publish(asset)
 
         return positions, streams, between
+
+    def _receiving(self, offered: OfferedRigs, close: Callable[[ClosedWindow], None]) -> Reception:
+        known = self._kept.known
+        return Reception(
+            lambda asset: self._rigs.of(asset, offered, known.get(asset)),
+            close,
+            noticed=self._noticed,
+            assembly=replace(assembly_settings(self._settings), clocked=True),
+            host_clock=later_time_ns,
+            used=self._keep_raw,
+        )
 
     def _noticed(self, asset: str, repeats: Repeats) -> None:
         """Frames of times that have passed have come, or others since."""

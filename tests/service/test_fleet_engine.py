@@ -10,8 +10,8 @@ import pytest
 
 from service.errors import DeliveryError
 from service.fleet import engine as module
-from service.fleet.engine import Condition, Engine
-from service.fleet.layout import Layout
+from service.fleet.engine import Engine
+from service.fleet.layout import Condition, Layout
 from service.settings import Settings
 
 

@@ -46,8 +46,13 @@ def settings_for(url, data, **given):
 
 @contextmanager
 def bridged(settings, board, store, **given):
-    """A bridge at work; what the thread is."""
-    bridge = mqtt.MqttBridge(settings, board, store, KeptNumbers(settings.data / "bridges" / "mqtt.json"))
+    """A bridge at work; what the thread is.
+
+    board  a worker's, or what a test shows on one
+    """
+    bridge = mqtt.MqttBridge(
+        settings, getattr(board, "own", board), store, KeptNumbers(settings.data / "bridges" / "mqtt.json")
+    )
     thread = BridgeThread(bridge, first_pause=0.05, **given)
     thread.start()
     try:
