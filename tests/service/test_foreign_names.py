@@ -130,7 +130,7 @@ def written_everywhere(store, board, asset="unsw"):
     """An asset whose texts others wrote: names, reasons, signatures and notes; its alarm."""
     fakes.campaign(store, board, asset=asset, windows=3)
     keeper = AlarmKeeper(AlarmStore(store.database), webhooks=["http://127.0.0.1:9/hook"])
-    of_status = {**fakes.status("watch", *(f"reason {name}" for name in WRITTEN)), "action": WRITTEN[0]}
+    of_status = fakes.status("watch", *(f"reason {name}" for name in WRITTEN), action=WRITTEN[0])
     report = {**fakes.traced_report(6000.0, 3), "status": {**of_status, "summary": WRITTEN[5]}}
     report["wear"] = {**report["wear"], "preliminary": {"reasons": list(WRITTEN)}}
     keeper.window(asset, 1_700_000_000 * 10**9, {"index": 3, "quality": "good"}, report_of(WORN), OK)
