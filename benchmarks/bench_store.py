@@ -54,7 +54,7 @@ def made(path: Path, windows: int) -> SqlStore:
         events.append({"asset": ASSET, "kind": "window", "data": dump({}), "start_ns": start})
     counts = {"windows": windows, "updates": 0, "received_ns": 1, "epoch": 0}
     with store.database.transaction() as db:
-        db.execute(insert(ASSETS), {"asset": ASSET, **counts, "seal": seal(*counts.values())})
+        db.execute(insert(ASSETS), {"asset": ASSET, "label": ASSET, **counts, "seal": seal(*counts.values())})
         db.execute(insert(WINDOWS), rows)
         db.execute(insert(EVENTS), events)
     return store
