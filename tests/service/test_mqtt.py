@@ -175,7 +175,7 @@ def test_broker_that_is_away_at_start_and_again_later_gets_the_latest_state_and_
             raise_alarm(store, board, verb="cleared")
             begun = time.monotonic()
             for index in range(1000):
-                board.update("unsw", last_frame_ns=index)
+                board.own.update("unsw", last_frame_ns=index)
             assert time.monotonic() - begun < 5.0  # nothing waits for the broker
             broker.start()
             with reading(broker.port) as reader:

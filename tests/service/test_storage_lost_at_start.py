@@ -72,7 +72,7 @@ def test_a_connection_that_is_lost_at_any_read_of_the_start_is_waited_for(tmp_pa
     with serving(tmp_path, network, losing) as again:
         wait_until(lambda: again.get("/readyz") is not None)
         assert len(losing.lost) > 8, losing.lost
-        assert again.windows() == before == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
+        assert again.wait_for_windows(WINDOWS) == before == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
         replay(recording, (), 0, publish_to=network.open_publisher)
         wait_until(lambda: network.inbox.depth == 0)
-        assert again.windows() == before
+        assert again.wait_for_windows(WINDOWS) == before
