@@ -19,6 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -185,7 +186,10 @@ def measure(address: str, board: Board, shown: Callable[[], None], store: SqlSto
         browser.start_tracing(page=page, categories=["toplevel"])
         for index in range(windows, windows + LIVE):
             window, report = add(store, "gearbox-00", index, windows)
-            board.add_window("gearbox-00", window, report=report, last_event_id=store.last_event_id("gearbox-00"))
+            last, earlier = store.last_event_id("gearbox-00"), board.get("gearbox-00")
+            assert earlier is not None
+            later = replace(earlier.with_window(window), report=report, last_event_id=last)
+            board.put(earlier, later.with_whole())
             shown()
             page.wait_for_timeout(100)
         page.wait_for_selector(f"main[data-windows='{windows + LIVE}']")

@@ -21,7 +21,8 @@ from service.__main__ import leave
 from service.contract.estimate import Estimate
 from service.files.recorded_rig import rig_of
 from service.json_text import json_text
-from service.runtime.outcomes import WindowOutcome
+from service.results.jobs import Job
+from service.runtime.outcomes import Outcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.serve import run
 from service.runtime.twin_port import Twin, gear_twin
@@ -42,13 +43,13 @@ class _Outcomes:
     """Keeps what a campaign led to."""
 
     def __init__(self) -> None:
-        self.newest: WindowOutcome | None = None
+        self.newest: Outcome | None = None
 
-    def commit(self, outcome: WindowOutcome) -> bool:
+    def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
         self.newest = outcome
         return True
 
-    def publish(self, outcome: WindowOutcome) -> None:
+    def publish(self, outcome: Outcome) -> None:
         pass
 
 

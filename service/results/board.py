@@ -234,14 +234,16 @@ class Board:
 
     # -- publishing ----------------------------------------------------------------------------------
 
-    def with_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
-        """How an asset is shown with one more window, and other changed parts of the snapshot."""
-        snapshot = self._snapshots.get(asset) or Snapshot(asset=asset, label=asset)
-        return replace(snapshot.with_window(window), **_no_older(snapshot, changes)).with_whole()
-
-    def add_window(self, asset: str, window: StoredWindow, **changes: Any) -> Snapshot:
-        """Shows one committed window, and other changed parts of the snapshot."""
-        return self._change(asset, lambda s: replace(s.with_window(window), **_no_older(s, changes)))
+    def put(self, before: Snapshot | None, after: Snapshot) -> Snapshot:
+        """Shows `after`, which was made of `before`; alarms that another thread has shown newer ones of stay."""
+        with self._lock:
+            present = self._snapshots.get(after.asset)
+            if present is not None and present is not before and present.last_event_id > after.last_event_id:
+                newer = {name: getattr(present, name) for name in ("alarms", "last_event_id")}
+                after = replace(after, **newer).with_whole()
+            self._show(after)
+            self._note(after.asset)
+        return after
 
     def update(self, asset: str, **changes: Any) -> Snapshot:
         """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
@@ -278,8 +280,11 @@ class Board:
         return snapshot
 
     def _put(self, snapshot: Snapshot) -> Snapshot:
+        return self._show(snapshot.with_whole())
+
+    def _show(self, snapshot: Snapshot) -> Snapshot:
         before = self._snapshots.get(snapshot.asset)
-        snapshot = self._snapshots[snapshot.asset] = snapshot.with_whole()
+        self._snapshots[snapshot.asset] = snapshot
         if before is not None and before.name != snapshot.name:
             del self._assets[before.name]
         self._assets[snapshot.name] = snapshot.asset

@@ -9,18 +9,20 @@
 | baseline_given, baseline_removed | the asset has a healthy baseline of its own, or that of the settings again |
 | retired, reinstated | no frames are expected, and those that come are left out; and the reverse |
 
-Each is one transaction with all that it changes. The windows that waited for its answer are processed afterwards, one
-transaction each; those that a kill leaves are processed by the next start.
+The windows that waited for its answer are processed afterwards, one transaction each; those that a kill leaves are
+processed by the next start.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
+from service.contract.status import shown_question
 from service.errors import InputError
 from service.files.rig import checked_rig
 from service.files.rig_difference import differences
@@ -32,13 +34,13 @@ from service.results.present_machine import demand_present
 from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
 from service.results.sparkline import Sparkline
 from service.results.sql_store import SqlStore
-from service.results.status_events import status_events
 from service.results.window_jobs import WindowJobs
 from service.runtime.computing import Ask, Made
+from service.runtime.decisions import decided
 from service.runtime.intake import Intake
-from service.runtime.job_worker import JobKind, once
-from service.runtime.lane import Lane
+from service.runtime.lane import JobKind, Lane
 from service.runtime.lanes import Lanes
+from service.runtime.outcomes import Outcome
 from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
 from service.runtime.reception import Reception
 from service.runtime.rigs import MOST_NAMED, other_gears
@@ -49,6 +51,8 @@ from service.runtime.twin_port import Events
 from service.stream.quality import Quality
 from twin.machine_change import MachineChange
 
+NEW_GEARS = {"records": (), "latest": {}, "windows_total": 0, "updates": 0, "sparkline": Sparkline()}
+LEARNED_ANEW = ("gears_replaced", "reassembled", "sensor_moved")  # changes after which limits are learned again
 IGNORED = "windows of this revolution count are not used, as decided when it had fallen"
 
 
@@ -69,16 +73,13 @@ class Changes:
         streams: Streams,
         intake: Intake,
         spool: Spool,
-        alarms: AlarmKeeper | None,
         baselines: BaselineStore,
         proposals: RigProposals,
     ) -> None:
-        self._names, self._proposals = names, proposals
+        self._names, self._proposals, self._baselines = names, proposals, baselines
         self._jobs, self._windows, self._reception, self._lanes = jobs, windows, reception, lanes
-        self._store = store
-        self._board, self._publication = board, publication
+        self._store, self._board, self._publication = store, board, publication
         self._streams, self._intake, self._spool = streams, intake, spool
-        self._alarms, self._baselines = alarms, baselines
         machine = JobKind(self._machine, self._ask_machine)
         self.kinds: Mapping[str, JobKind] = {
             **dict.fromkeys(("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled"), machine),
@@ -104,43 +105,43 @@ class Changes:
             self._demand_sensor(change.asset, made.sensor)
         return Ask("change", made)
 
-    def _machine(self, lane: Lane, change: Job, made: Made) -> None:
+    def _machine(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """A change of the machine: what it ends of the twin's memory begins again."""
-        asset, question = change.asset, lane.question
-        answers = question is not None and change.kind in question["answers"]
-        outcome = lane.decided(made, self._reception.ended_ns(asset))
-        present = self._store.asset(asset).epoch
-        epoch = present + (change.kind == "gears_replaced")
-        effect = {"epoch": epoch, "revolutions": self._revolutions(asset), "from_window": lane.index}
-        rig = question.get("rig") if answers and question is not None and change.kind == "gears_replaced" else None
-        with once(self._jobs, change, effect) as first:
-            if first:
-                parts = {"question": None} if answers else {}
-                self._store.keep(asset, state=outcome.state.to_dict(), report=outcome.report, epoch=epoch, **parts)
-                if rig is not None:
-                    self._store.keep_rig(asset, rig)
-                opened, alarms = self._alarms_after(asset, change, outcome.report)
-                then = {"report": outcome.report, "question": None if answers else question, "alarms": opened}
-                events = (*outcome.events, *alarms, *self._status_events(asset, **then))
-                self._store.note(asset, [_event(change, effect), *events])
-            else:
-                epoch, opened = present, self._alarms.open(asset) if self._alarms else ()
-        if rig is not None:
-            self._reception.reopen(asset)
-            self._lanes.reopen(asset)
-        last = self._store.last_event_id(asset)
-        lane.accept(outcome)
-        blank = {"records": (), "latest": {}, "windows_total": 0, "updates": 0, "sparkline": Sparkline()}
-        shown = blank if change.kind == "gears_replaced" else {}
-        if answers:
-            self._answered(lane)
-        self._show(asset, last, report=outcome.report, alarms=opened, epoch=epoch, **shown)
+        asset, question, shown = change.asset, lane.question, self._board.get(change.asset)
+        assert made.answer is not None
+        epoch, revolutions = (0, None) if shown is None else (shown.epoch, shown.latest.get("revolutions"))
+        changed: dict[str, Any] = {}
+        if question is not None and change.kind in question["answers"]:
+            changed["question"] = None
+        if change.kind == "gears_replaced":
+            epoch += 1
+            changed |= {"epoch": epoch, **NEW_GEARS}
+            if "question" in changed and question is not None and question.get("rig") is not None:
+                changed["rig"] = question["rig"]
+        effect = {"epoch": epoch, "revolutions": revolutions, "from_window": lane.index}
+        outcome = decided(lane, made, self._reception.ended_ns(asset))
+
+        def judge(alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:
+            events: Events = ()
+            if change.kind in LEARNED_ANEW:  # before: limits that hold no more raise no alarm
+                reason = f"The limits are learned anew after the change {change.kind}."
+                events = alarms.learn_anew(asset, change.given.get("sensor") or "", reason)
+            return (*events, *outcome.judge(alarms, data))
+
+        return replace(
+            outcome,
+            changed=changed,
+            events=(_event(change, effect), *made.answer.events),
+            led_to=effect,
+            judge=judge,
+            after=partial(self._reopen, asset) if "rig" in changed else outcome.after,
+        )
 
     def _ask_other_machine(self, lane: Lane, change: Job) -> Ask:
         self._open_question(change)
         return Ask("forget")
 
-    def _other_machine(self, lane: Lane, change: Job, made: Made) -> None:
+    def _other_machine(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """The stream is another machine's from now on, with the windows that wait.
 
         Where its frames repeat times that have passed, none of them has been used, and the windows stay.
@@ -149,172 +150,134 @@ class Changes:
         question = self._open_question(change)
         fresh = question["kind"] == REPEATED
         rig = question.get("rig") or self._store.asset(asset).rig
-        effect = {"asset": name}
-        with once(self._jobs, change, effect) as first:
-            if first:
-                self._names.demand_free(name)
-                self._store.keep(asset, question=None, state=made.state.to_dict())
-                self._store.note(name, [("change", {"kind": "created", "from": asset})])
-                if rig is not None:
-                    self._store.keep_rig(name, rig)
-                if not fresh and lane.assembly:
-                    self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
-                if not fresh:
-                    self._windows.give_waiting(asset, name)
-                self._names.give_streams(asset, name)
-                self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
-        self._streams.reload()
-        self._lanes.of(name)
-        last, last_of_new = self._store.last_event_id(asset), self._store.last_event_id(name)
-        lane.question, lane.state = None, made.state
-        self._show(asset, last)
-        if fresh:
-            self._reception.flush(asset)
-        else:
-            self._spool.give(asset, name)
-        self._reception.split(asset, name, fresh=fresh)
-        self._intake.know(name)
-        self._board.update(name, rig=rig, last_event_id=last_of_new)
-        self._publication.publish(name)
-        self._lanes.give(asset, name, fresh=fresh)
+
+        def give() -> None:
+            self._names.demand_free(name)
+            self._store.note(name, [("change", {"kind": "created", "from": asset})])
+            if rig is not None:
+                self._store.keep_rig(name, rig)
+            if not fresh and lane.assembly:
+                self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
+            if not fresh:
+                self._windows.give_waiting(asset, name)
+            self._names.give_streams(asset, name)
+
+        def take_over() -> None:
+            self._streams.reload()
+            self._lanes.of(name)
+            last_of_new = self._store.last_event_id(name)
+            if fresh:
+                self._reception.flush(asset)
+            else:
+                self._spool.give(asset, name)
+            self._reception.split(asset, name, fresh=fresh)
+            self._intake.know(name)
+            self._board.update(name, rig=rig, last_event_id=last_of_new)
+            self._publication.publish(name)
+            self._lanes.give(asset, name, fresh=fresh)
+
+        outcome = _outcome(change, {"asset": name}, question=None)
+        return replace(outcome, state=made.state, also=give, after=take_over)
 
     def _ask_ignore(self, lane: Lane, change: Job) -> Ask | None:
         question = self._open_question(change)
         return Ask("ignore") if question["kind"] not in (GEARS_DIFFER, REPEATED) else None
 
-    def _ignore(self, lane: Lane, change: Job, made: Made) -> None:
+    def _ignore(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """The question is closed without a change."""
-        asset, question = change.asset, self._open_question(change)
-        state = made.state
+        question = self._open_question(change)
         effect = {"question": question["kind"], "differences": question.get("differences", [])}
-        with once(self._jobs, change, effect) as first:
-            if first:
-                self._store.keep(asset, question=None, **({} if state is None else {"state": state.to_dict()}))
-                self._store.note(asset, [_event(change, effect), *self._status_events(asset, question=None)])
-        last = self._store.last_event_id(asset)
+        outcome = replace(_outcome(change, effect, question=None), state=made.state)
+        if made.state is not None:
+            outcome = replace(outcome, refuse=IGNORED)
         if question["kind"] == REPEATED:
-            self._reception.ignore_repeats(asset)
-        if state is not None:
-            lane.state = state
-            lane.release(refuse=IGNORED)
-        self._answered(lane)
-        self._show(asset, last)
+            outcome = replace(outcome, after=partial(self._reception.ignore_repeats, change.asset))
+        return outcome
 
-    def _rename(self, lane: Lane, change: Job, made: Made) -> None:
+    def _rename(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """The asset has another name."""
         asset, name = change.asset, change.given["name"]
-        effect = {"asset": name, "was": self._names.label(asset)}
-        with once(self._jobs, change, effect) as first:
-            if first:
-                self._names.rename(asset, name)
-                self._store.note(asset, [_event(change, effect)])
-        self._streams.reload()
-        opened = () if self._alarms is None else self._alarms.open(asset)
-        self._show(asset, self._store.last_event_id(asset), label=name, alarms=opened)
+        outcome = _outcome(change, {"asset": name, "was": self._names.label(asset)}, label=name)
+        return replace(outcome, also=partial(self._names.rename, asset, name), after=self._streams.reload)
 
-    def _retire(self, lane: Lane, change: Job, made: Made) -> None:
+    def _retire(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """The asset is out of use, or in use again."""
-        asset, retired = change.asset, None
+        retired = None
         if change.kind == "retired":
             retired = {"since": iso_time(change.received_ns)} | {k: change.given.get(k) for k in ("by", "note")}
-        with once(self._jobs, change, {}) as first:
-            if first:
-                self._store.keep(asset, retired=retired)
-                self._store.note(asset, [_event(change, {})])
-        self._show(asset, self._store.last_event_id(asset), retired=retired)
+        return _outcome(change, {}, retired=retired)
 
-    def _baseline(self, lane: Lane, change: Job, made: Made) -> None:
+    def _baseline(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """The asset has another healthy baseline of its own, or none."""
         asset, given = change.asset, change.given
-        before = self._baselines.path(asset)
-        file = given.get("file")
+        before, file = self._baselines.path(asset), given.get("file")
         if file is not None and not self._baselines.exists(file):
             raise InputError("the baseline that was to be used has been deleted meanwhile: learn it again")
         demand_present(asset, given.get("windows") or (), self._jobs)  # the machine may have been changed meanwhile
         about = {name: given[name] for name in ("by", "note", "windows", "added") if given.get(name) is not None}
-        with once(self._jobs, change, about) as first:
-            if first:
-                if file is None:
-                    self._baselines.remove(asset)
-                else:
-                    self._baselines.use(asset, file, {**about, "at": iso_time(change.received_ns)})
-                self._store.note(asset, [("change", {"id": change.id, "kind": change.kind, **about})])
-        self._lanes.reopen(asset)
-        if before != self._baselines.path(asset):
-            self._baselines.delete(before)
-        self._show(asset, self._store.last_event_id(asset))
 
-    def _accept_rig(self, lane: Lane, change: Job, made: Made) -> None:
+        def keep() -> None:
+            if file is None:
+                self._baselines.remove(asset)
+            else:
+                self._baselines.use(asset, file, {**about, "at": iso_time(change.received_ns)})
+
+        def use() -> None:
+            present = self._baselines.path(asset)
+            self._lanes.reopen(asset)
+            if before != present:
+                self._baselines.delete(before)
+
+        event = ("change", {"id": change.id, "kind": change.kind, **about})
+        return Outcome(asset=asset, events=(event,), led_to=about, also=keep, after=use)
+
+    def _accept_rig(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """A person accepts a rig file that came on the stream; whose gears others are is asked as before."""
         asset, rig, digest = change.asset, change.given["rig"], change.given["digest"]
         checked_rig(rig, f"rig of {asset}")
         stored = self._store.asset(asset)
         identity = other_gears(stored, rig)
-        if identity:
-            self._ask_about_gears(asset, rig, identity)
-        changed = len(differences(stored.rig or {}, rig))
-        effect = {"digest": digest, "values": changed, "question": GEARS_DIFFER if identity else None}
-        with once(self._jobs, change, effect) as first:
-            if first and not identity:
-                self._store.keep_rig(asset, rig)
-            if first:
-                self._store.note(asset, [_event(change, effect)])
-        last = self._store.last_event_id(asset)
-        if not identity:
-            self._reception.reopen(asset)
-            self._lanes.reopen(asset)
-        self._proposals.drop(asset, digest)
-        self._show(asset, last, **({} if identity else {"rig": rig}))
+        asked = self._question_about_gears(asset, rig, identity) if identity else None
+        effect = {
+            "digest": digest,
+            "values": len(differences(stored.rig or {}, rig)),
+            "question": GEARS_DIFFER if identity else None,
+        }
 
-    def _ask_about_gears(self, asset: str, rig: Mapping[str, Any], identity: tuple[str, ...]) -> None:
-        """Opens the question, unless that has been done before the service was killed."""
+        def follow() -> None:
+            if not identity:
+                self._reopen(asset)
+            self._proposals.drop(asset, digest)
+
+        outcome = _outcome(change, effect, **({"question": asked} if asked else {} if identity else {"rig": rig}))
+        if asked is not None:
+            outcome = replace(outcome, events=(("question", shown_question(asked) or {}), *outcome.events))
+        return replace(outcome, after=follow)
+
+    def _question_about_gears(
+        self, asset: str, rig: Mapping[str, Any], identity: tuple[str, ...]
+    ) -> Mapping[str, Any] | None:
+        """The question to be opened; None where it is open."""
         question = self._lanes.question(asset)
         if question is not None and question.get("rig") != rig:
             raise InputError("the open question must be answered first")
-        if question is None:
-            found = gears_differ(identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
-            self._lanes.ask(asset, {**found, "rig": dict(rig), "settings": False})
+        if question is not None:
+            return None
+        found = gears_differ(identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
+        return {**found, "rig": dict(rig), "settings": False}
 
-    def _reject_rig(self, lane: Lane, change: Job, made: Made) -> None:
+    def _reject_rig(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """A person rejects a rig file that came on the stream: the present one stays."""
-        asset, effect = change.asset, {"digest": change.given["digest"]}
-        with once(self._jobs, change, effect) as first:
-            if first:
-                self._store.note(asset, [_event(change, effect)])
-        last = self._store.last_event_id(asset)
-        self._proposals.reject(asset, change.given["digest"])
-        self._show(asset, last)
+        digest = change.given["digest"]
+        outcome = _outcome(change, {"digest": digest})
+        return replace(outcome, after=partial(self._proposals.reject, change.asset, digest))
 
     # -- within --------------------------------------------------------------------------------------
 
-    def _answered(self, lane: Lane) -> None:
-        """Closes the question; what waited for its answer goes on."""
-        lane.question = None
-        lane.release()
-
-    def _show(self, asset: str, last: int, **parts: Any) -> None:
-        """Shows an asset with its newest event."""
-        question = self._lanes.question(asset)
-        self._board.update(asset, last_event_id=last, question=question, **parts)
-        self._publication.publish(asset)
-
-    def _alarms_after(
-        self, asset: str, change: Job, report: Mapping[str, Any]
-    ) -> tuple[tuple[Mapping[str, Any], ...], Events]:
-        """Open alarms after a change, and their events; limits that were learned before it are learned again."""
-        if self._alarms is None:
-            return (), ()
-        events: Events = ()
-        if change.kind in ("gears_replaced", "reassembled", "sensor_moved"):
-            reason = f"The limits are learned anew after the change {change.kind}."
-            events = self._alarms.learn_anew(asset, change.given.get("sensor") or "", reason)
-        events = (*events, *self._alarms.decision(asset, report))
-        return self._alarms.open(asset), events
-
-    def _status_events(self, asset: str, **changes: Any) -> Events:
-        """The event where a change of what is shown changes the status."""
-        before = self._board.get(asset)
-        return () if before is None else status_events(before, *replace(before, **changes).health())
+    def _reopen(self, asset: str) -> None:
+        """Goes on with the rig file that the asset has now."""
+        self._reception.reopen(asset)
+        self._lanes.reopen(asset)
 
     def _open_question(self, change: Job) -> Mapping[str, Any]:
         question = self._lanes.question(change.asset)
@@ -328,9 +291,10 @@ class Changes:
         if known and sensor not in known:
             raise InputError(f"no accelerometer {sensor!r} has sent a frame; known: {', '.join(known)}")
 
-    def _revolutions(self, asset: str) -> float | None:
-        snapshot = self._board.get(asset)
-        return None if snapshot is None else snapshot.latest.get("revolutions")
+
+def _outcome(change: Job, effect: Mapping[str, Any], **changed: Any) -> Outcome:
+    """What a change leads to: its event, its effect, and other parts of the asset's snapshot."""
+    return Outcome(asset=change.asset, changed=changed, events=(_event(change, effect),), led_to=effect)
 
 
 def _event(change: Job, effect: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:

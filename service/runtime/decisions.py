@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.inspections import outcome_of, refusal
-from service.results.board import Board, Snapshot
-from service.results.jobs import DECISION, INSPECTION, Job, Jobs
-from service.results.sql_store import SqlStore
-from service.results.status_events import status_events
+from service.contract.status import with_status_since
+from service.results.jobs import DECISION, INSPECTION, Job
 from service.runtime.computing import Ask, Made
-from service.runtime.job_worker import JobKind, once
-from service.runtime.lane import Lane
-from service.runtime.outcomes import DecisionOutcome
+from service.runtime.lane import JobKind, Lane
+from service.runtime.outcomes import Outcome
 from service.runtime.reception import Reception
-from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
 from twin.tracing.decisions import Decision
 
@@ -25,63 +20,45 @@ from twin.tracing.decisions import Decision
 class Decisions:
     """How decisions and inspections are carried out: `kinds`."""
 
-    def __init__(
-        self,
-        jobs: Jobs,
-        reception: Reception,
-        store: SqlStore,
-        board: Board,
-        publication: StatePublication,
-        alarms: AlarmKeeper | None = None,
-    ) -> None:
-        self._jobs, self._reception, self._store, self._alarms = jobs, reception, store, alarms
-        self._board, self._publication = board, publication
+    def __init__(self, reception: Reception) -> None:
+        self._reception = reception
         self.kinds: Mapping[str, JobKind] = {
             DECISION: JobKind(self._decide, _decision),
             INSPECTION: JobKind(self._inspect, _inspection, _not_used),
         }
 
-    def _decide(self, lane: Lane, job: Job, made: Made) -> None:
-        outcome = lane.decided(made, self._reception.ended_ns(lane.asset))
+    def _decide(self, lane: Lane, job: Job, made: Made) -> Outcome:
+        assert made.answer is not None
         signed = {name: job.given[name] for name in ("by", "note") if job.given[name] is not None}
         events = tuple(
             (kind, {**data, **signed} if kind == "effect" and data.get("action") == job.given["verb"] else data)
-            for kind, data in outcome.events
+            for kind, data in made.answer.events
         )
-        self._keep(lane, job, outcome, events)
+        return decided(lane, made, self._reception.ended_ns(lane.asset), events=events)
 
-    def _inspect(self, lane: Lane, job: Job, made: Made) -> None:
-        outcome, inspection = lane.inspected(made, self._reception.ended_ns(lane.asset)), job.given["inspection"]
-        before = self._board.get(lane.asset)
-        changed = outcome_of(inspection, before.report if before else None, outcome.report)
-        events = (*outcome.events, ("inspection", {**inspection, **changed}))
-        self._keep(lane, job, outcome, events, {**job.given["answer"], **changed})
+    def _inspect(self, lane: Lane, job: Job, made: Made) -> Outcome:
+        assert made.answer is not None
+        report = {**(lane.report or {}), **made.answer.report}
+        inspection = job.given["inspection"]
+        changed = outcome_of(inspection, lane.report, report)
+        events = (*made.answer.events, ("inspection", {**inspection, **changed}))
+        led_to = {**job.given["answer"], **changed}
+        ended_ns = self._reception.ended_ns(lane.asset)
+        return decided(lane, made, ended_ns, report=report, events=events, led_to=led_to)
 
-    def _keep(
-        self,
-        lane: Lane,
-        job: Job,
-        outcome: DecisionOutcome,
-        events: Events,
-        led_to: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Keeps all that a job changes, alarms too, in one transaction, and shows it; nothing a second time."""
-        asset, report = outcome.asset, outcome.report
-        before = self._board.get(asset) or Snapshot(asset=asset)
-        opened = before.alarms
-        with once(self._jobs, job, led_to) as first:
-            if first:
-                self._store.keep(asset, state=outcome.state.to_dict(), report=report)
-                raised = () if self._alarms is None else self._alarms.decision(asset, report)
-            if self._alarms is not None:
-                opened = self._alarms.open(asset)
-            if first:
-                shown = replace(before, report=report, alarms=opened)
-                self._store.note(asset, (*events, *raised, *status_events(before, *shown.health())))
-            last = self._store.last_event_id(asset)
-        lane.accept(outcome)
-        self._board.update(asset, report=report, alarms=opened, last_event_id=last)
-        self._publication.publish(asset)
+
+def decided(lane: Lane, made: Made, ended_ns: int, *, report: Mapping[str, Any] | None = None, **more: Any) -> Outcome:
+    """What the twin has made of what a person has said; the asset's windows end at `ended_ns`.
+
+    report  the twin's answer; None for its answer as it is
+    """
+    assert made.answer is not None
+    said = with_status_since(lane.report, made.answer.report if report is None else report, ended_ns, None)
+
+    def judge(alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:
+        return alarms.decision(lane.asset, said)
+
+    return Outcome(asset=lane.asset, state=made.state, report=said, **{"judge": judge, **more})
 
 
 def _decision(lane: Lane, job: Job) -> Ask:

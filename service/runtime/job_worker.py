@@ -2,50 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple
 
 from service.errors import StoreError
 from service.results.job_queue import JobQueue
-from service.results.jobs import Job, Jobs
-from service.runtime.computing import Ask, Made
-from service.runtime.lane import Lane, Turn
+from service.results.jobs import Job
+from service.runtime.lane import JobKind, Turn
 from service.runtime.lanes import Lanes
 
 NO_WINDOW = "no window has been processed yet"
-
-
-def nothing(lane: Lane, job: Job) -> Ask | None:
-    """Nothing is asked of the twin."""
-    return None
-
-
-class JobKind(NamedTuple):
-    """How a kind of job is carried out.
-
-    then     what follows, with what the twin has made, in one transaction (`once`)
-    ask      what is asked of the twin; None where nothing is
-    refused  the outcome of a job that cannot be carried out, by the reason
-    begins   whether it can be carried out before the asset's first window
-    """
-
-    then: Callable[[Lane, Job, Made], None]
-    ask: Callable[[Lane, Job], Ask | None] = nothing
-    refused: Callable[[Job, str], Mapping[str, Any] | None] = lambda job, reason: None
-    begins: bool = False
-
-
-@contextmanager
-def once(jobs: Jobs, job: Job, outcome: Mapping[str, Any] | None) -> Iterator[bool]:
-    """The transaction of a job. False where an earlier attempt, of which that was not known, has committed it.
-
-    What is shown, and what the lanes know, is brought up to date after it in either case: once everything has been
-    read that is needed for that, so that a storage which fails meanwhile leaves nothing half done.
-    """
-    with jobs.transaction():
-        yield jobs.end(job.id, outcome)
 
 
 class JobWorker:
@@ -69,10 +35,6 @@ class JobWorker:
             raise
 
     def _begin(self, job: Job, kind: JobKind) -> None:
-        def then(lane: Lane, made: Made) -> None:
-            kind.then(lane, job, made)
-            self._end(job)
-
         def refuse(reason: str) -> None:
             self._queue.jobs.refuse(job.id, reason, kind.refused(job, reason))
             self._end(job)
@@ -81,7 +43,7 @@ class JobWorker:
             refuse(NO_WINDOW)
         else:
             self._begun.add(job.id)
-            self._lanes.do(job.asset, Turn(ask=partial(_asked, kind, job), then=then, refuse=refuse))
+            self._lanes.do(job.asset, Turn(job=job, kind=kind, refuse=refuse, ended=partial(self._end, job)))
 
     def _end(self, job: Job) -> None:
         self._begun.discard(job.id)
@@ -92,7 +54,3 @@ class JobWorker:
         if self._ended:
             self._ended = False
             self._queue.done()
-
-
-def _asked(kind: JobKind, job: Job, lane: Lane) -> Ask | None:
-    return kind.ask(lane, job)

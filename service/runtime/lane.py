@@ -6,12 +6,12 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from service.contract.status import with_status_since
 from service.operation.journey import Journey
+from service.results.jobs import Job
 from service.runtime.computing import Ask, Made
-from service.runtime.outcomes import DecisionOutcome
+from service.runtime.outcomes import Outcome
 from service.runtime.questions import ALL_WAIT
 from service.runtime.twin_port import Twin
 from twin.rig import Rig
@@ -32,18 +32,38 @@ class Entry:
     journey: Journey = field(default_factory=Journey)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Turn:
-    """Something to be done between two windows of an asset.
+def nothing(lane: Lane, job: Job) -> Ask | None:
+    """Nothing is asked of the twin."""
+    return None
 
-    ask     what is asked of the twin; None where nothing is. TwinError or InputError refuses it
-    then    what follows, with what was made of it; TwinError or InputError refuses it
-    refuse  what follows where it cannot be done, with the reason
+
+class JobKind(NamedTuple):
+    """How a kind of job is carried out. TwinError or InputError refuses the job.
+
+    then     what it leads to, with what the twin has made
+    ask      what is asked of the twin; None where nothing is
+    refused  the outcome of a job that cannot be carried out, by the reason
+    begins   whether it can be carried out before the asset's first window
     """
 
-    ask: Callable[[Lane], Ask | None]
-    then: Callable[[Lane, Made], None]
+    then: Callable[[Lane, Job, Made], Outcome]
+    ask: Callable[[Lane, Job], Ask | None] = nothing
+    refused: Callable[[Job, str], Mapping[str, Any] | None] = lambda job, reason: None
+    begins: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """A person's job, to be done between two windows of its asset.
+
+    refuse  keeps that it cannot be done, with the reason
+    ended   called once it is done
+    """
+
+    job: Job
+    kind: JobKind
     refuse: Callable[[str], None]
+    ended: Callable[[], None]
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -102,20 +122,12 @@ class Lane:
         self.entries.rotate(self.held)
         self.held = 0
 
-    # -- what decisions, inspections and changes lead to ---------------------------------------------
-
-    def decided(self, made: Made, ended_ns: int) -> DecisionOutcome:
-        """What a decision on an effect, or a change of the machine, leads to; the asset's windows end at `ended_ns`."""
-        assert made.answer is not None
-        report = with_status_since(self.report, made.answer.report, ended_ns, None)
-        return DecisionOutcome(asset=self.asset, state=made.state, report=report, events=made.answer.events)
-
-    def inspected(self, made: Made, ended_ns: int) -> DecisionOutcome:
-        """What a measured wear depth leads to; the asset's windows end at `ended_ns`."""
-        assert made.answer is not None
-        report = with_status_since(self.report, {**(self.report or {}), **made.answer.report}, ended_ns, None)
-        return DecisionOutcome(asset=self.asset, state=made.state, report=report, events=made.answer.events)
-
-    def accept(self, outcome: DecisionOutcome) -> None:
-        """Goes on from a decision, an inspection or a change, once it has been committed."""
-        self.state, self.report = outcome.state, outcome.report
+    def accept(self, outcome: Outcome) -> None:
+        """Goes on from what a job has led to, once it has been committed."""
+        self.state = self.state if outcome.state is None else outcome.state
+        self.report = self.report if outcome.report is None else outcome.report
+        if "question" in outcome.changed:
+            self.question = outcome.changed["question"]
+            if self.question is None:
+                self.release(outcome.refuse)
+        self.held += outcome.held

@@ -12,14 +12,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from service.contract.status import shown_question
 from service.errors import FAULT, InputError, StorageUnavailable, StoreError
 from service.operation.journey import Arrived, nobody
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
 from service.runtime.lane import Entry, Lane, Turn
-from service.runtime.outcomes import Checkpoint, HeldWindow, ResultSink, WaitingPlace
+from service.runtime.outcomes import Checkpoint, Outcome, ResultSink
 from service.runtime.packed_state import StoredState
 from service.runtime.questions import COUNT_FELL, REPEATED, count_fell, frames_repeat, waiting
 from service.runtime.reception import Reception
@@ -45,7 +47,7 @@ ONE_DISTURBED = (
 class Lanes:
     """The lanes of all assets. Driven by one thread.
 
-    waiting  where it is kept that windows wait for an answer by people; None where nobody answers: they are refused
+    asks     whether people can be asked; else windows that would wait for their answer are refused
     storage  that is waited for where it cannot be used; None where that ends the program
     arrived  called with each window that has been shown
     timed    called with what was asked of a twin and how long its parts took [s]
@@ -59,13 +61,13 @@ class Lanes:
         *,
         twin_of: Callable[[str, Rig], Twin],
         new_state: Callable[[], Any],
-        waiting: WaitingPlace | None = None,
+        asks: bool = False,
         storage: StorageWatch | None = None,
         arrived: Arrived = nobody,
         timed: Callable[[str, Mapping[str, float]], object] = lambda verb, parts: None,
     ) -> None:
         self._storage, self._arrived, self._timed = storage, arrived, timed
-        self._reception, self._sink, self._computing, self._waiting = reception, sink, computing, waiting
+        self._reception, self._sink, self._computing, self._asks = reception, sink, computing, asks
         self._twin_of, self._new_state = twin_of, new_state
         self._lanes: dict[str, Lane] = {}
         self._unsettled: list[tuple[Lane, Callable[[], None]]] = []
@@ -82,10 +84,10 @@ class Lanes:
         lane.entries.append(entry)
         self._turn(lane)
 
-    def do(self, asset: str, job: Turn) -> None:
+    def do(self, asset: str, turn: Turn) -> None:
         """Something to be done before the asset's next window."""
         lane = self.of(asset)
-        lane.jobs.append(job)
+        lane.jobs.append(turn)
         self._turn(lane)
 
     def go(self) -> None:
@@ -200,7 +202,7 @@ class Lanes:
         entry = lane.next_entry()
         if entry is None:
             return None
-        if lane.all_wait and self._waiting is not None:
+        if lane.all_wait and self._asks:
             assert lane.question is not None
             return partial(self._settle, lane, partial(self._hold, lane, lane.question, None))
         return partial(self._start_window, lane, entry)
@@ -244,32 +246,39 @@ class Lanes:
 
     # -- jobs ----------------------------------------------------------------------------------------
 
-    def _start_job(self, lane: Lane, job: Turn) -> None:
+    def _start_job(self, lane: Lane, turn: Turn) -> None:
         try:
-            ask = job.ask(lane)
+            ask = turn.kind.ask(lane, turn.job)
         except StoreError:
             raise
         except (TwinError, InputError) as reason:
-            self._settle(lane, partial(job.refuse, str(reason)))
+            self._settle(lane, partial(turn.refuse, str(reason)))
             return
         if ask is None:
-            self._end_job(lane, job, Made())
+            self._end_job(lane, turn, Made())
         else:
-            self._ask(lane, ask, partial(self._end_job, lane, job))
+            self._ask(lane, ask, partial(self._end_job, lane, turn))
 
-    def _end_job(self, lane: Lane, job: Turn, made: Made) -> None:
+    def _end_job(self, lane: Lane, turn: Turn, made: Made) -> None:
         refused = made.refused if made.unreadable is None else _unreadable(lane, made.unreadable)
 
+        outcome: Outcome | None = None
+
         def end() -> None:
+            nonlocal outcome  # made once, also where it is committed again because nobody knows whether it was
             if refused is not None:
-                job.refuse(refused)
+                turn.refuse(refused)
                 return
             try:
-                job.then(lane, made)
+                outcome = outcome or turn.kind.then(lane, turn.job, made)
+                self._sink.commit(outcome, turn.job)
             except StoreError:
                 raise
             except (TwinError, InputError) as reason:
-                job.refuse(str(reason))
+                turn.refuse(str(reason))
+                return
+            self._accept(lane, outcome)
+            turn.ended()
 
         self._settle(lane, end)
 
@@ -289,7 +298,7 @@ class Lanes:
         fell = made.fell
         if fell is None:
             self._settle(lane, partial(self._commit, lane, entry, made))
-        elif self._waiting is not None and not fell.ignored:
+        elif self._asks and not fell.ignored:
             question = lane.question or count_fell(fell.seen, fell.fallen, entry.start_ns)
             self._settle(lane, partial(self._hold, lane, question, made.state))
         else:
@@ -299,41 +308,45 @@ class Lanes:
     def _commit(self, lane: Lane, entry: Entry, made: Made, *, shed: bool = False) -> None:
         counts = self._reception.counts(lane.asset).copy()
         section = partial(self._reception.quality, lane.asset)
-        ends = _is_one_disturbed(lane, entry, made)
-        question = None if ends else lane.question
-        if shed and question is not None and lane.entries.index(entry) < lane.held:
+        question, refuse = lane.question, None
+        if _is_one_disturbed(lane, entry, made):
+            question, refuse = None, ONE_DISTURBED
+        elif shed and question is not None and lane.entries.index(entry) < lane.held:
             question = waiting(question, lane.held - 1, left_out=1)
-        outcome = outcome_of(lane, entry, made, counts, section, question)
+        outcome = outcome_of(lane, entry, made, counts, section)
+        if question is not lane.question:
+            outcome = replace(outcome, changed={"question": question}, refuse=refuse)
         committed = self._sink.commit(outcome)
         lane.remove(entry)
         if not committed:
             return
         entry.journey.stored_ns = later_time_ns()
-        lane.state, lane.report, lane.question = outcome.state, outcome.report, outcome.question
         lane.index += 1
-        lane.shed += any((fault.kind, fault.channel) == LEFT_OUT for fault in outcome.window.faults)
+        lane.shed += any((fault["kind"], fault["channel"]) == LEFT_OUT for fault in outcome.record["faults"])
         self._reception.keep_counts(lane.asset, counts)
-        if ends:
-            lane.release(refuse=ONE_DISTURBED)
-        self._sink.publish(outcome)
+        self._accept(lane, outcome)
         entry.journey.published_ns = later_time_ns()
         self._arrived(lane.asset, outcome.index, outcome.record["quality"], entry.journey)
+
+    def _accept(self, lane: Lane, outcome: Outcome) -> None:
+        """Goes on from what has been committed, and shows it."""
+        lane.accept(outcome)
+        self._sink.publish(outcome)
+        outcome.after()
 
     # -- questions -----------------------------------------------------------------------------------
 
     def _hold(self, lane: Lane, question: Mapping[str, Any], state: Any) -> None:
         """The next window waits for an answer."""
-        assert self._waiting is not None
-        held = HeldWindow(
+        held = Outcome(
             asset=lane.asset,
+            held=True,
             state=state,
-            question=question,
-            waiting=lane.held + 1,
+            changed={"question": waiting(question, lane.held + 1)},
             events=(("question", dict(question)),) if lane.question is None else (),
         )
-        lane.question = self._waiting.hold(held)
-        lane.state = lane.state if state is None else state
-        lane.held += 1
+        self._sink.commit(held)
+        self._accept(lane, held)
 
     def question(self, asset: str) -> Mapping[str, Any] | None:
         """The question about an asset that is open."""
@@ -341,16 +354,17 @@ class Lanes:
 
     def ask(self, asset: str, question: Mapping[str, Any] | None) -> None:
         """Opens a question, or ends it: what waited for its answer is next then. That is committed, and shown."""
-        assert self._waiting is not None
-        lane = self.of(asset)
-        lane.question = self._waiting.ask(asset, question)
-        if lane.question is None:
-            lane.release()
+        events = () if question is None else (("question", shown_question(question) or {}),)
+        outcome = Outcome(asset=asset, changed={"question": question}, events=events)
+        self._sink.commit(outcome)
+        if question is not None:
+            log.warning("%s: %s", asset, question["detail"], extra={"asset": asset})
+        self._accept(self.of(asset), outcome)
 
     def look_for_repeats(self, asset: str, repeats: Repeats) -> None:
         """Asks where nothing but frames of passed times is received, and ends that question where others come."""
         question = self.question(asset)
-        if self._waiting is None or (question is not None and question["kind"] != REPEATED):
+        if not self._asks or (question is not None and question["kind"] != REPEATED):
             return
         frames = repeats.suspicious()
         if frames and question is None:

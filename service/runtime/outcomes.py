@@ -1,17 +1,22 @@
-"""What passes between the loop and its collaborators: outcomes of windows and decisions, and who takes them."""
+"""What passes between the loop and its collaborators: windows that have closed, and what each job has led to."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from service.alarms.keeper import AlarmKeeper
 from service.operation.journey import Journey
+from service.results.jobs import Job
 from service.runtime.twin_port import Events
 from twin.windows import Window
 
 Raw = Literal["same", "other faults", "nothing"]
 """What the file in which a window was kept holds of its signals: the same window, one with other faults, or nothing."""
+
+Judge = Callable[[AlarmKeeper, Mapping[str, Any]], Events]
+"""Judges the alarms of an asset, and the quality of its data as it is shown; answers the events of alarms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,33 +29,43 @@ class ClosedWindow:
     journey: Journey = field(default_factory=Journey)
 
 
+def _no_alarms(alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:
+    return ()
+
+
+def _nothing() -> None:
+    pass
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WindowOutcome:
-    """What one window led to; all but `window` and `state` is JSON-safe."""
+class Outcome:
+    """What one job led to: all that is committed in one transaction. All but `window` and `state` is JSON-safe.
+
+    Of what is not given, nothing changes. `index` to `raw` are of a window that was used or refused.
+
+    judge  which alarms are raised or end, where no window was used; within the transaction
+    also   what else changes; within the transaction. InputError refuses the job
+    after  what follows once it is committed and shown; what it reads of the storage comes first, since it may fail
+    """
 
     asset: str
-    index: int  # of the window, from 0, counting refused ones
-    window: Window  # as it was used; without its signals where it was kept in a file
-    record: Mapping[str, Any]  # the contract's `windows[]`, with `quality` and `faults`
-    state: Any  # twin.step.State after the window
-    report: Mapping[str, Any] | None  # the twin's newest answer; None before its first window
-    events: Events
-    assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
-    quality: Mapping[str, Any]  # the section `data_quality`
-    waited: int | None = None  # number of the window among those that were kept until their turn; None where it was not
+    index: int = -1  # from 0, counting refused ones
+    window: Window | None = None  # as it was used; without its signals where it was kept in a file
+    record: Mapping[str, Any] = field(default_factory=dict)  # the contract's `windows[]`, with `quality` and `faults`
+    waited: int | None = None  # number of the job that the window was; None where it was kept in memory alone
     raw: Raw = "same"
-    question: Mapping[str, Any] | None = None  # open after the window
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldWindow:
-    """A window that cannot be used until people have answered a question."""
-
-    asset: str
-    state: Any  # twin.step.State, which remembers that the window came; None where it has not changed
-    question: Mapping[str, Any]
-    waiting: int  # windows that wait for the answer, with this one
-    events: Events
+    held: bool = False  # whether a window waits from now on until people have answered
+    state: Any = None  # twin.step.State
+    report: Mapping[str, Any] | None = None  # the twin's newest answer
+    assembly: Mapping[str, Any] | None = None  # Assembler.to_dict() as of the window
+    quality: Mapping[str, Any] | None = None  # the section `data_quality`
+    changed: Mapping[str, Any] = field(default_factory=dict)  # other parts of the asset's snapshot
+    events: Events = ()
+    led_to: Mapping[str, Any] | None = None  # the outcome of a person's job
+    refuse: str | None = None  # why windows that waited for the answer of a question that ends are not used
+    judge: Judge = _no_alarms
+    also: Callable[[], None] = _nothing
+    after: Callable[[], None] = _nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,35 +81,13 @@ class Checkpoint:
     shed: int = 0  # windows that were left out because too much waited
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DecisionOutcome:
-    """What a decision on an effect, an inspection, or a change of the machine, led to."""
-
-    asset: str
-    state: Any  # twin.step.State after it
-    report: Mapping[str, Any]
-    events: Events
-
-
-class WaitingPlace(Protocol):
-    """Where windows wait until people have answered a question."""
-
-    def hold(self, held: HeldWindow) -> Mapping[str, Any]:
-        """Keeps that a window waits for an answer; the question as it is shown then."""
-        ...
-
-    def ask(self, asset: str, question: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-        """Keeps and shows a question for which no window waits, or that it is over."""
-        ...
-
-
 class ResultSink(Protocol):
     """Where outcomes go."""
 
-    def commit(self, outcome: WindowOutcome) -> bool:
-        """Keeps a window, whole; False, with nothing changed, where it has been committed before."""
+    def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
+        """Keeps an outcome, whole; False, with nothing changed, where its window has been committed before."""
         ...
 
-    def publish(self, outcome: WindowOutcome) -> None:
-        """Shows a committed window."""
+    def publish(self, outcome: Outcome) -> None:
+        """Shows a committed outcome."""
         ...

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from service.results.signal_store import SignalStore
 from service.results.window_file import read_window
-from service.runtime.outcomes import WindowOutcome
+from service.runtime.outcomes import Outcome
 from twin.windows import Window
 
 log = logging.getLogger(__name__)
@@ -31,16 +31,16 @@ class SignalWriter:
 
     def __init__(self, store: SignalStore, waiting_bytes: int = WAITING_BYTES) -> None:
         self._store, self._room = store, waiting_bytes
-        self._queue: queue.SimpleQueue[tuple[WindowOutcome, Path | None, int] | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[Outcome, Path | None, int] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting = self._windows = 0  # bytes and windows in the queue
         self._left_out = 0
         self.thread = threading.Thread(target=self._write, name="signals", daemon=True)
         self.thread.start()
 
-    def offer(self, outcome: WindowOutcome, file: Path | None = None) -> None:
+    def offer(self, outcome: Outcome, file: Path | None = None) -> None:
         """Hands a committed window over, with the file in which it was kept until then; never waits."""
-        size = bytes_of(outcome.window) if file is None else _size(file)
+        size = _size(file) if file is not None else 0 if outcome.window is None else bytes_of(outcome.window)
         with self._lock:
             left_out = self._windows > 0 and self._waiting + size > self._room
             if left_out:
@@ -77,8 +77,9 @@ class SignalWriter:
                     self._waiting -= size
                     self._windows -= 1
 
-    def _keep(self, outcome: WindowOutcome, file: Path | None) -> None:
+    def _keep(self, outcome: Outcome, file: Path | None) -> None:
         window = outcome.window
+        assert window is not None
         if file is not None and outcome.raw == "nothing":
             return
         if file is not None and outcome.raw == "other faults":
@@ -92,7 +93,7 @@ class SignalWriter:
             file=file,
         )
 
-    def _leave_out(self, outcome: WindowOutcome, reason: str) -> None:
+    def _leave_out(self, outcome: Outcome, reason: str) -> None:
         self._left_out += 1
         log.warning(
             "%s: the raw signals of window %d are not kept: %s",

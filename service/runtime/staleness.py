@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from statistics import median
@@ -24,9 +23,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.base import spoken_time
 from service.contract.verdict import seconds_between
 from service.results.board import Board, Snapshot, Stale
-from service.results.sql_store import SqlStore
-from service.results.status_events import status_events
-from service.runtime.state_publication import StatePublication
+from service.runtime.outcomes import Outcome, ResultSink
 from service.runtime.twin_port import Events
 from service.steady_clock import steady_time_ns
 from service.stream.frames import LENGTH_LIMITS
@@ -101,22 +98,13 @@ class StalenessWatch:
 
     def __init__(
         self,
-        store: SqlStore,
         board: Board,
-        publication: StatePublication,
+        sink: ResultSink,
         limits: StalenessLimits,
         *,
         clock: Callable[[], int] = steady_time_ns,
-        alarms: AlarmKeeper | None = None,
     ) -> None:
-        self._alarms = alarms
-        self._store, self._board, self._publication, self._limits, self._clock = (
-            store,
-            board,
-            publication,
-            limits,
-            clock,
-        )
+        self._board, self._sink, self._limits, self._clock = board, sink, limits, clock
         self._since = dict.fromkeys(board.assets(), clock())  # when the service first knew of an asset [ns]
         self._retired: dict[str, int] = {}  # when an asset was last seen to be retired [ns]
         self._judged: dict[str, tuple[Mapping[str, Any], ...]] = {}  # alarms that the last evaluation left open
@@ -174,31 +162,27 @@ class StalenessWatch:
 
     def _alarms_differ(self, snapshot: Snapshot) -> bool:
         """Whether other alarms are open than at the last evaluation: where one was cleared, its cause still lasts."""
-        return self._alarms is not None and snapshot.alarms != self._judged.get(snapshot.asset)
+        return snapshot.alarms != self._judged.get(snapshot.asset)
 
     def _show(self, asset: str, found: Stale | None) -> None:
-        before = self._board.get(asset) or Snapshot(asset=asset)
-        shown = replace(before, stale=found)
+        before = self._board.get(asset)
         events: Events = ()
-        if found is not None and found != before.stale:
+        if found is not None and (before is None or found != before.stale):
             log.warning("%s: %s", asset, found.reason, extra={"asset": asset})
             fault = {
                 "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
                 "detail": found.reason,
             }  # fmt: skip
             events = (("data_fault", fault),)
-        with self._alarms.transaction() if self._alarms else nullcontext():
-            if self._alarms is not None:
-                _, data = shown.health()
-                events = (*events, *self._alarms.data(asset, data))
-                shown = replace(shown, alarms=self._alarms.open(asset))
-            events = (*events, *status_events(before, *shown.health()))
-            if events:
-                self._store.note(asset, events)
-            last = self._store.last_event_id(asset)
-        self._board.update(asset, stale=found, alarms=shown.alarms, last_event_id=last)
-        self._judged[asset] = shown.alarms
-        self._publication.publish(asset)
+
+        def judge(alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:
+            return alarms.data(asset, data)
+
+        outcome = Outcome(asset=asset, changed={"stale": found}, events=events, judge=judge)
+        self._sink.commit(outcome)
+        self._sink.publish(outcome)
+        shown = self._board.get(asset)
+        self._judged[asset] = () if shown is None else shown.alarms
 
 
 def _utc(time_ns: int) -> str:

@@ -10,7 +10,7 @@ from service.contract.status import with_status_since
 from service.contract.window import refused_record, slow_channels
 from service.runtime.computing import Made
 from service.runtime.lane import Entry, Lane
-from service.runtime.outcomes import WindowOutcome
+from service.runtime.outcomes import Outcome
 from service.runtime.twin_port import Events
 from service.stream.quality import Quality
 
@@ -21,12 +21,8 @@ def outcome_of(
     made: Made,
     counts: Quality,
     section: Callable[[Quality], Mapping[str, Any]],
-    question: Mapping[str, Any] | None,
-) -> WindowOutcome:
-    """The outcome of a window; counted in `counts`, of which `section` makes the section `data_quality`.
-
-    question  that is open after the window
-    """
+) -> Outcome:
+    """The outcome of a window; counted in `counts`, of which `section` makes the section `data_quality`."""
     window = made.window
     assert window is not None
     refused, answer, index = made.refused, made.answer, lane.index
@@ -44,7 +40,8 @@ def outcome_of(
         "faults": faults,
         **slow_channels(window),
     }
-    return WindowOutcome(
+
+    return Outcome(
         asset=lane.asset,
         index=index,
         window=window,
@@ -60,5 +57,4 @@ def outcome_of(
         quality=section(counts),
         waited=entry.number,
         raw=made.raw,
-        question=question,
     )

@@ -27,6 +27,7 @@ from service.results.window_jobs import WindowJobs
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.backlog_watch import BacklogWatch
 from service.runtime.changes import Changes
+from service.runtime.commits import Commits
 from service.runtime.computing_here import ComputingOf, computing_here
 from service.runtime.decisions import Decisions
 from service.runtime.first_frames import FirstFrames
@@ -41,7 +42,6 @@ from service.runtime.raw_recorder import RawRecorder
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
-from service.runtime.service_sink import ServiceSink
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.spool import BacklogLimits, Spool, entries_of
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
@@ -50,7 +50,6 @@ from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
-from service.runtime.waiting_windows import WaitingWindows
 from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
 from service.settings import Settings
 from service.steady_clock import later_time_ns
@@ -302,13 +301,14 @@ class Worker(threading.Thread):
 
         rows = AssetRows(store.database, board, self.shown)
         reception = self._reception = self._receiving(offered, close)
+        sink = Commits(store, board, publication, windows, signals=self._signals, alarms=kept.alarms, rows=rows)
         lanes = self._lanes = Lanes(
             reception,
-            ServiceSink(store, board, publication, windows, signals=self._signals, alarms=kept.alarms, rows=rows),
+            sink,
             computing,
             twin_of=AssetTwins(self._twin, kept.baselines).of,
             new_state=lambda: NEW,
-            waiting=WaitingWindows(store, windows, board, publication),
+            asks=True,
             storage=storage,
             arrived=self._arrived,
             timed=self.timed,
@@ -316,7 +316,7 @@ class Worker(threading.Thread):
         lanes.forget = windows.forget_waiting
         spool = self._spool = Spool(windows, store, reception, lanes, storage, backlog_limits(self._settings))
         restore(lanes, store, windows, known)
-        watch = StalenessWatch(store, board, publication, staleness_limits(self._settings), alarms=kept.alarms)
+        watch = StalenessWatch(board, sink, staleness_limits(self._settings))
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
@@ -337,13 +337,12 @@ class Worker(threading.Thread):
 
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
         jobs = kept.queue.jobs
-        decisions = Decisions(jobs, reception, store, board, publication, kept.alarms)
         changes = Changes(
             jobs, windows, reception, lanes, store, board, publication,
-            names=kept.names, streams=streams, intake=intake, spool=spool, alarms=kept.alarms,
-            baselines=kept.baselines, proposals=self._rigs.proposals,
+            names=kept.names, streams=streams, intake=intake, spool=spool, baselines=kept.baselines,
+            proposals=self._rigs.proposals,
         )  # fmt: skip
-        requests = JobWorker(kept.queue, lanes, {**decisions.kinds, **changes.kinds})
+        requests = JobWorker(kept.queue, lanes, {**Decisions(reception).kinds, **changes.kinds})
         questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame

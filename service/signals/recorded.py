@@ -9,7 +9,8 @@ from typing import Any
 from service.errors import FrameError, InputError
 from service.files.recorded_rig import choose_asset, rig_of
 from service.files.rig import assembly_for, window_of_rig
-from service.runtime.outcomes import WindowOutcome
+from service.results.jobs import Job
+from service.runtime.outcomes import Outcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import gear_twin
 from service.signals.modelled import modelling
@@ -27,16 +28,16 @@ class _Last:
 
     def __init__(self, wanted: int) -> None:
         self.wanted, self.count = wanted, 0
-        self.found: WindowOutcome | None = None
+        self.found: Outcome | None = None
         self.state: Any = None
 
-    def commit(self, outcome: WindowOutcome) -> bool:
+    def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
         self.count, self.state = self.count + 1, outcome.state
         if self.wanted in (-1, outcome.index):
             self.found = outcome
         return True
 
-    def publish(self, outcome: WindowOutcome) -> None:
+    def publish(self, outcome: Outcome) -> None:
         """Nobody watches."""
 
 
@@ -87,7 +88,7 @@ def _assessed(
         pipeline.feed(frame)
     pipeline.flush(asset)
     found = results.found
-    if found is None:
+    if found is None or found.window is None:
         raise _no_window(path, index, results.count)
     model = modelling(rig, results.state, lambda: found.record.get("wear_depth_um"))
     return Subject(asset=asset, index=found.index, window=found.window, rig=rig, model=model)

@@ -6,6 +6,7 @@ The curves have the paper's look (156 µm at 6000 revolutions, RMS growing with 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_rows import put
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
+from service.results.board import Board, Snapshot
 from service.results.data_folder import BASELINES, WAITING
 from service.results.jobs import DECISION, INSPECTION, Job, Jobs
 from service.results.names import Names
@@ -315,6 +316,12 @@ def fill(store: SqlStore, data: Path) -> None:
     assert keeper.open("unsw")
 
 
+def add_window(board: Board, asset: str, window, **changes):
+    """Shows one committed window."""
+    before = board.get(asset) or Snapshot(asset=asset, label=asset)
+    return board.put(before, replace(before.with_window(window), **changes).with_whole())
+
+
 class WrittenBoard:
     """What a worker shows, written at once, and the table from which that is answered."""
 
@@ -326,7 +333,7 @@ class WrittenBoard:
         return getattr(self.table, name)
 
     def add_window(self, asset: str, window, **changes):
-        return self._written(self.own.add_window(asset, window, **changes))
+        return self._written(add_window(self.own, asset, window, **changes))
 
     def update(self, asset: str, **changes):
         """Shows changes; those of what is kept are kept."""

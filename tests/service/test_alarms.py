@@ -31,8 +31,8 @@ from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
 from service.runtime import webhooks
+from service.runtime.commits import Commits
 from service.runtime.replay import replay
-from service.runtime.service_sink import ServiceSink
 from service.runtime.state_publication import StatePublication
 from service.runtime.webhooks import WebhookSender
 from service.transport.zenoh import open_session
@@ -58,7 +58,7 @@ class Bench:
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
         self.rows = AssetRows(self.store.database, self.board)
-        self.sink = ServiceSink(
+        self.sink = Commits(
             self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper,
             rows=self.rows,
         )  # fmt: skip

@@ -53,7 +53,7 @@ class Committing:
     def __init__(self, store, life):
         self.store, self.life, self.outcomes = store, life, []
 
-    def commit(self, outcome):
+    def commit(self, outcome, job=None):
         with self.life.transaction():
             committed = self.store.commit(
                 outcome.asset, outcome.window.start_time_ns, record=outcome.record, state=outcome.state.to_dict(),

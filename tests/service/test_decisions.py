@@ -21,6 +21,7 @@ import gear_twin
 from service.cli import run
 from service.contract.estimate import Estimate
 from service.runtime.computing import Ask, Call, carry_out
+from service.runtime.decisions import decided
 from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.replay import replay
@@ -276,5 +277,5 @@ def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_leve
     lane = pipeline.lanes.of("unsw")
     ask = Ask("decide", Decision(name="misalignment", verb="reject"))
     made = carry_out(Call(asset="unsw", twin=twin, rig=lane.rig, state=lane.state, ask=ask))
-    found = lane.decided(made, pipeline.ended_ns("unsw")).report["status"]["since"]
+    found = decided(lane, made, pipeline.ended_ns("unsw")).report["status"]["since"]
     assert found == since if kept else found == {"time": "1970-01-01T00:01:00.000000000Z", "revolutions": None}

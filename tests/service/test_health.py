@@ -24,8 +24,8 @@ from service.report import report_of as made_report
 from service.report.text import answer_text
 from service.results.board import Board
 from service.results.window_jobs import WindowJobs
-from service.runtime.outcomes import WindowOutcome
-from service.runtime.service_sink import ServiceSink
+from service.runtime.commits import Commits
+from service.runtime.outcomes import Outcome
 from service.runtime.state_publication import StatePublication
 from tests.unit.test_status import HEALTHY, effect, life, wear
 from twin.assessment import Unavailable
@@ -124,7 +124,7 @@ def outcome(index, found, quality="good"):
     window = SimpleNamespace(start_time_ns=fakes.START_NS + index * 600_000_000_000)
     record = {**fakes.record(index, 100.0 * index), "quality": quality, "faults": []}
     report = report_of(found)
-    return WindowOutcome(
+    return Outcome(
         asset="unsw", index=index, window=window, record=record, state=SimpleNamespace(to_dict=dict),
         report=report, events=(("window", record),), assembly={}, quality={"windows": {}},
     )  # fmt: skip
@@ -132,7 +132,7 @@ def outcome(index, found, quality="good"):
 
 def test_change_of_level_is_an_event_that_is_committed_with_its_window(store):
     board = Board()
-    sink = ServiceSink(store, board, Quiet(), WindowJobs(store.database))
+    sink = Commits(store, board, Quiet(), WindowJobs(store.database))
     for index, found in enumerate([HEALTHY, HEALTHY, TWO_EFFECTS, TWO_EFFECTS, WORN]):
         assert sink.commit(outcome(index, found))
         sink.publish(outcome(index, found))

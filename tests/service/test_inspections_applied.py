@@ -15,7 +15,6 @@ from test_other_parts import serving
 
 from service.contract.inspections import BY_LEVEL, outcome_of
 from service.errors import StorageUnavailable
-from service.results.board import Board
 from service.results.jobs import Jobs
 from service.runtime.computing import Made
 from service.runtime.decisions import Decisions
@@ -142,15 +141,11 @@ def outcomes(store, report, answer, **stream):
     """What an inspection and a decision lead to, of an asset with such a report and a stream as given."""
     lane = Lane(asset="unsw", rig=None, twin=None, state=None, report=report)
     made = Made(state=SimpleNamespace(to_dict=dict), answer=Answer(record={}, report=answer, events=()))
-    reception, board = SimpleNamespace(**stream), Board()
-    jobs = Jobs(store.database)
-    kinds = Decisions(jobs, reception, store, board, SimpleNamespace(publish=str)).kinds
+    jobs, kinds = Jobs(store.database), Decisions(SimpleNamespace(**stream)).kinds
     store.note("unsw", [])
     numbers = (fakes.inspect(store, "unsw", GIVEN, {}), fakes.decide(store, "unsw", "misalignment", "pin"))
     for job in map(jobs.job, numbers):
-        lane.report = report
-        kinds[job.kind].then(lane, job, made)
-        yield lane.report
+        yield kinds[job.kind].then(lane, job, made).report
 
 
 def test_status_that_an_inspection_leaves_as_it_was_holds_since_the_same_time(store):

@@ -17,7 +17,7 @@ from service.errors import NotKept, StoreError
 from service.results.signal_reading import folder_in, found_in
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
-from service.runtime.outcomes import WindowOutcome
+from service.runtime.outcomes import Outcome
 from service.runtime.signal_writer import SignalWriter
 from twin.windows import Edges, Fault, Samples, SlowValue, Window
 
@@ -40,12 +40,12 @@ def window(number: int = 0, samples: int = 4000, **changes) -> Window:
     return Window(**given | changes)
 
 
-def outcome(number: int, **changes) -> WindowOutcome:
+def outcome(number: int, **changes) -> Outcome:
     given = {
         "asset": "unsw", "index": number, "window": window(number), "record": {"revolutions": 100.0 * number},
         "state": None, "report": None, "events": (), "assembly": {}, "quality": {},
     }  # fmt: skip
-    return WindowOutcome(**given | changes)
+    return Outcome(**given | changes)
 
 
 def same(one: Window, other: Window) -> bool:

@@ -11,11 +11,21 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
+from service.results.asset_rows import AssetRows
+from service.results.window_jobs import WindowJobs
+from service.runtime.commits import Commits
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch, silent, usual_pause
 from service.steady_clock import steady_time_ns
 
 LIMITS = StalenessLimits(silent=3600.0, fruitless=120.0)
 BEGIN = fakes.START_NS  # when the first window of the fakes was committed
+
+
+def watch_of(store, board, published, limits, clock, alarms=None):
+    """The watch over a board as it is written into the tables."""
+    rows = AssetRows(store.database, board.own)
+    sink = Commits(store, board.own, published, WindowJobs(store.database), alarms=alarms, rows=rows)
+    return StalenessWatch(board.own, sink, limits, clock=clock)
 
 
 class Published(list):
@@ -29,7 +39,7 @@ def watched(store, board):
     fakes.take(store, board, "unsw", 0, 10.0)
     now = [0.0]
     published = Published()
-    watch = StalenessWatch(store, board, published, LIMITS, clock=lambda: BEGIN + round(now[0] * NS))
+    watch = watch_of(store, board, published, LIMITS, lambda: BEGIN + round(now[0] * NS))
 
     def at(seconds, frame=False):
         now[0] = seconds
@@ -92,7 +102,7 @@ def test_it_is_told_once_where_the_storage_fails_meanwhile(store, board, monkeyp
 
     fakes.take(store, board, "unsw", 0, 10.0)
     now, alarms = [BEGIN + 4000 * NS], AlarmKeeper(AlarmStore(store.database))
-    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: now[0], alarms=alarms)
+    watch = watch_of(store, board, Published(), LIMITS, lambda: now[0], alarms)
     with monkeypatch.context() as patched:
         patched.setattr(store, "last_event_id", unavailable)
         with pytest.raises(StorageUnavailable):
@@ -106,7 +116,7 @@ def test_it_is_told_once_where_the_storage_fails_meanwhile(store, board, monkeyp
 def test_asset_that_never_had_a_window_is_measured_from_the_start_of_the_service(store, board):
     board.update("fresh", quality={})
     now = [0]
-    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
+    watch = watch_of(store, board, Published(), LIMITS, lambda: BEGIN + now[0] * NS)
     now[0] = 3000
     watch()
     assert board.get("fresh").whole["data"]["level"] == "waiting"
@@ -117,7 +127,7 @@ def test_asset_that_never_had_a_window_is_measured_from_the_start_of_the_service
 
 def test_asset_that_comes_later_is_measured_from_when_the_service_first_knew_of_it(store, board):
     now = [0]
-    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
+    watch = watch_of(store, board, Published(), LIMITS, lambda: BEGIN + now[0] * NS)
 
     def level(seconds):
         now[0] = seconds
@@ -137,7 +147,7 @@ def test_retirement_ends_it_with_its_alarm_and_frames_of_before_are_forgotten(st
     fakes.take(store, board, "unsw", 0, 10.0)
     alarms, now = AlarmKeeper(AlarmStore(store.database), webhooks=["http://plant/hook"]), [0.0]
     published = Published()
-    watch = StalenessWatch(store, board, published, LIMITS, clock=lambda: BEGIN + round(now[0] * NS), alarms=alarms)
+    watch = watch_of(store, board, published, LIMITS, lambda: BEGIN + round(now[0] * NS), alarms)
 
     def level(seconds, frame=False):
         now[0] = seconds
@@ -179,9 +189,7 @@ class Alarmed:
             return data(asset, shown)
 
         self.keeper.data = counted
-        self.watch = StalenessWatch(
-            store, board, self.published, LIMITS, clock=lambda: BEGIN + round(self._now * NS), alarms=self.keeper
-        )
+        self.watch = watch_of(store, board, self.published, LIMITS, lambda: BEGIN + round(self._now * NS), self.keeper)
 
     def look(self, seconds, asset="unsw"):
         """What is shown of the data alarms after a look so many seconds after the window."""
@@ -223,7 +231,7 @@ def test_what_is_known_of_an_asset_outlives_its_name(store, board):
     fakes.take(store, board, "unsw", 0, 10.0)
     board.update("fresh")
     now = [0]
-    watch = StalenessWatch(store, board, Published(), LIMITS, clock=lambda: BEGIN + now[0] * NS)
+    watch = watch_of(store, board, Published(), LIMITS, lambda: BEGIN + now[0] * NS)
 
     def look(seconds, heard):
         now[0] = seconds
@@ -267,7 +275,7 @@ def of_windows(store, board, number):
         fakes.take(store, board, "unsw", index, 10.0 + index)
     last = fakes.START_NS + (number - 1) * 600 * NS
     now = [0.0]
-    watch = StalenessWatch(store, board, Published(), A_DAY, clock=lambda: last + round(now[0] * NS))
+    watch = watch_of(store, board, Published(), A_DAY, lambda: last + round(now[0] * NS))
 
     def at(seconds, frame=False):
         now[0] = seconds
@@ -328,7 +336,7 @@ def test_clock_of_the_machine_that_steps_makes_nothing_silent_and_hides_no_silen
         fakes.take(store, board, "unsw", index, 10.0 + index)
     now = [0.0]
     last = board.get("unsw").received_ns
-    watch = StalenessWatch(store, board, Published(), A_DAY, clock=lambda: last + round(now[0] * NS))
+    watch = watch_of(store, board, Published(), A_DAY, lambda: last + round(now[0] * NS))
     watch()
     now[0] = 60.0
     board.update("unsw", received_ns=last + round(step * NS))  # the next window, by the clock after its step

@@ -10,53 +10,60 @@ import service_fakes as fakes
 from service.errors import StorageUnavailable
 from service.results.board import Board
 from service.results.window_jobs import WindowJobs
-from service.runtime.outcomes import HeldWindow
-from service.runtime.questions import count_fell
+from service.runtime.commits import Commits
+from service.runtime.outcomes import Outcome
+from service.runtime.questions import count_fell, waiting
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch
-from service.runtime.waiting_windows import WaitingWindows
 
 LATER = fakes.START_NS + 5_000 * 10**9  # [ns]
 QUESTION = count_fell(900.0, 10.0, LATER)
-HELD = HeldWindow(
-    asset="unsw", state=None, question=QUESTION, waiting=1, events=(("question", {"kind": "count_fell"}),)
-)
+HELD = Outcome(
+    asset="unsw", held=True, changed={"question": waiting(QUESTION, 1)},
+    events=(("question", {"kind": "count_fell"}),),
+)  # fmt: skip
+ASKED = Outcome(asset="unsw", changed={"question": QUESTION}, events=(("question", {"kind": "count_fell"}),))
 
 
 @pytest.fixture
-def waiting(store, board):
-    """The place where the windows of an asset wait that has had one window."""
+def sink(store, board):
+    """Where outcomes of an asset go that has had one window."""
     fakes.take(store, board, "unsw", 0, 10.0)
     publication = SimpleNamespace(publish=lambda asset: None)
-    return WaitingWindows(store, WindowJobs(store.database), board.own, publication, clock=lambda: LATER)
+    return Commits(store, board.own, publication, WindowJobs(store.database), clock=lambda: LATER)
+
+
+def given(sink, outcome):
+    sink.commit(outcome)
+    sink.publish(outcome)
 
 
 def unavailable(asset):
     raise StorageUnavailable("away", reason="away")
 
 
-@pytest.mark.parametrize("begin", [lambda w: w.hold(HELD), lambda w: w.ask("unsw", QUESTION)])
-def test_a_question_is_told_once_where_the_storage_fails_meanwhile(waiting, store, board, monkeypatch, begin):
+@pytest.mark.parametrize("outcome", [HELD, ASKED])
+def test_a_question_is_told_once_where_the_storage_fails_meanwhile(sink, store, board, monkeypatch, outcome):
     with monkeypatch.context() as patched:
         patched.setattr(store, "last_event_id", unavailable)
         with pytest.raises(StorageUnavailable):
-            begin(waiting)
-    begin(waiting)
+            given(sink, outcome)
+    given(sink, outcome)
     told = [event.kind for event in store.events("unsw", 0) if event.kind in ("question", "status")]
     assert told == ["question", "status"] and board.own.get("unsw").last_event_id == store.last_event_id("unsw")
 
 
-def test_windows_that_wait_keep_an_asset_from_being_stale_after_a_restart_too(waiting, store):
+def test_windows_that_wait_keep_an_asset_from_being_stale_after_a_restart_too(sink, store, board):
     before = store.asset("unsw")
-    waiting.hold(HELD)
+    given(sink, HELD)
     restarted, limits = Board.from_store(store), StalenessLimits(silent=3600.0, fruitless=120.0)
     stored = store.asset("unsw")
     assert (stored.received_ns, stored.windows, stored.damaged) == (LATER, before.windows, None)
-    StalenessWatch(store, restarted, waiting._publication, limits, clock=lambda: LATER + 3000 * NS)()
+    StalenessWatch(restarted, sink, limits, clock=lambda: LATER + 3000 * NS)()
     assert restarted.get("unsw").stale is None and restarted.get("unsw").question["waiting"] == 1
 
 
-def test_an_epoch_begins_without_windows_and_when_one_came_stays_known(waiting, store):
-    waiting.hold(HELD)
+def test_an_epoch_begins_without_windows_and_when_one_came_stays_known(sink, store):
+    given(sink, HELD)
     for epoch in (1, 1, 0):
         store.keep("unsw", epoch=epoch)
         kept = store.asset("unsw")
