@@ -26,7 +26,7 @@ import zstandard
 from sqlalchemy import insert
 
 from benchmarks.bench_pipeline import Figure
-from service.results.board import Board
+from service.results.asset_table import AssetTable
 from service.results.json_columns import dump, seal
 from service.results.schema import ASSETS, EVENTS, WINDOWS
 from service.results.sql_store import SqlStore
@@ -88,7 +88,7 @@ def actions(store: SqlStore, windows: int) -> dict[str, Callable[[], object]]:
         "thinned to 100": lambda: store.windows(ASSET, -1, 101, -(-windows // 100)),
         "thinned to 1000": lambda: store.windows(ASSET, -1, 1001, -(-windows // 1000)),
         "epochs": lambda: store.epochs(ASSET),
-        "board of a start": lambda: Board.from_store(store),
+        "assets of a start": lambda: AssetTable(store, most=None).load(store.all_assets()),
     }
 
 

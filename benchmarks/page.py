@@ -17,7 +17,7 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -32,9 +32,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.api import create_app
 from service.contract.base import iso_time
 from service.results.alarm_store import AlarmStore
-from service.results.asset_rows import AssetRows
 from service.results.asset_table import AssetTable
-from service.results.board import Board
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from twin.windows import Samples, Window
@@ -156,7 +154,7 @@ def on_the_wire(page: Any) -> float:
     return float(page.evaluate(sizes)) / 1e6
 
 
-def measure(address: str, board: Board, shown: Callable[[], None], store: SqlStore, windows: int) -> list[Figure]:
+def measure(address: str, table: AssetTable, store: SqlStore, windows: int) -> list[Figure]:
     from playwright.sync_api import sync_playwright
 
     figures = []
@@ -186,11 +184,10 @@ def measure(address: str, board: Board, shown: Callable[[], None], store: SqlSto
         browser.start_tracing(page=page, categories=["toplevel"])
         for index in range(windows, windows + LIVE):
             window, report = add(store, "gearbox-00", index, windows)
-            last, earlier = store.last_event_id("gearbox-00"), board.get("gearbox-00")
+            last, earlier = store.last_event_id("gearbox-00"), table.latest("gearbox-00")
             assert earlier is not None
-            later = replace(earlier.with_window(window), report=report, last_event_id=last)
-            board.put(earlier, later.with_whole())
-            shown()
+            later = replace(earlier.with_window(window), report=report, last_event_id=last).with_whole()
+            table.written(later, table.write(later))
             page.wait_for_timeout(100)
         page.wait_for_selector(f"main[data-windows='{windows + LIVE}']")
         note("longest task, ten windows a second", longest_task(browser), "ms", 100.0)
@@ -216,11 +213,11 @@ def main() -> None:
         fill(store, chosen.assets, chosen.windows)
         kept = SignalStore(Path(folder) / "signals", 2**30)
         keep_signals(kept, "gearbox-00", chosen.windows)
-        board, table = Board.from_store(store), AssetTable(store, AlarmKeeper(AlarmStore(store.database)))
-        rows = AssetRows(store.database, board, table.changed)
-        rows()
+        table = AssetTable(store, AlarmKeeper(AlarmStore(store.database)), most=None)
+        table.load(store.all_assets())
+        table.write_noted()
         with serving(table, store, kept) as address:
-            for figure in measure(address, board, rows, store, chosen.windows):
+            for figure in measure(address, table, store, chosen.windows):
                 print(figure.line)
 
 

@@ -31,7 +31,6 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
@@ -66,7 +65,6 @@ def create_app(
     health: Health | None = None,
     unserved: Callable[[], Sequence[int]] | None = None,
     told: Callable[[str, str], object] = lambda what, asset: None,
-    live: Board | None = None,
 ) -> FastAPI:
     """The app over a board and its store.
 
@@ -85,7 +83,6 @@ def create_app(
     health     the loops of the process; None where there are none
     unserved   the partitions of a fleet that nobody serves; None where this is no fleet
     told       called with what people have written of an asset without a job, and the asset
-    live       what the process itself shows of the assets, for their metrics; None: as `board` has them
     """
     app = FastAPI(
         title="gear-twin",
@@ -109,7 +106,7 @@ def create_app(
     app.state.audit = log = audit or AuditLog(store.database, jobs=app.state.queue.jobs)
     counts: Counter[str] = Counter()
     app.state.registry = collector.registry(
-        live or board,
+        board,
         app.state.queue.jobs,
         lambda: {**figures(), **admitted.figures(), **log.figures(), "http_refused": dict(counts)},
         labelled_assets,

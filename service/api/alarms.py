@@ -138,7 +138,7 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
             request.app.state.audit.enter(
                 request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
             )
-        board.show(replace(before, alarms=open_now, last_event_id=store.last_event_id(own)))
+        board.write(replace(before, alarms=open_now, last_event_id=store.last_event_id(own)).with_whole())
     request.app.state.told(ALARM, own)  # also of an attempt of which nobody knew that it was done
     board.changed(own)
     if done is None:

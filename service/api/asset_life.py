@@ -57,7 +57,7 @@ def begin_asset(
         store.note(asset, [("change", {"kind": kind, "by": signed, "note": note})])
         if rig is not None:
             store.keep_rig(asset, rig)
-        board.show(Snapshot(asset=asset, rig=rig, last_event_id=store.last_event_id(asset)))
+        board.write(Snapshot(asset=asset, rig=rig, last_event_id=store.last_event_id(asset)).with_whole())
 
     try:
         audited(request, f"asset {kind}", asset, kept, note=note, what={"rig": rig is not None})

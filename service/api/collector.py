@@ -20,7 +20,7 @@ from service.contract.status import DATA_LEVELS
 from service.errors import StoreError
 from service.operation.metric_catalogue import METRICS, OF_ASSETS, OTHERS, MetricEntry
 from service.results.asset_table import AssetTable
-from service.results.board import Board, Snapshot
+from service.results.board import Snapshot
 from service.results.jobs import Jobs
 
 Figure = float | Histogram | Mapping[str, float] | Mapping[tuple[str, ...], float]
@@ -32,24 +32,22 @@ Figures = Mapping[str, Figure]
 MISSING, IN_PLACE = "lost", "disorder"  # kinds of frames that are counted on their own as well
 
 
-def registry(
-    board: Board | AssetTable, jobs: Jobs, figures: Callable[[], Figures], most: int | None
-) -> CollectorRegistry:
-    """A registry of this app alone, that reads board and jobs when it is scraped.
+def registry(table: AssetTable, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> CollectorRegistry:
+    """A registry of this app alone, that reads table and jobs when it is scraped.
 
     figures  of the process and of its assets, by the names of the catalogue
     most     assets that have metrics of their own; None where there are no metrics of assets
     """
     own = CollectorRegistry()
-    own.register(AssetCollector(board, jobs, figures, most))
+    own.register(AssetCollector(table, jobs, figures, most))
     return own
 
 
 class AssetCollector(Collector):
-    """The board and the figures of the process as Prometheus metrics."""
+    """The assets and the figures of the process as Prometheus metrics."""
 
-    def __init__(self, board: Board | AssetTable, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> None:
-        self._board, self._jobs, self._figures, self._most = board, jobs, figures, most
+    def __init__(self, table: AssetTable, jobs: Jobs, figures: Callable[[], Figures], most: int | None) -> None:
+        self._table, self._jobs, self._figures, self._most = table, jobs, figures, most
         self._labelled: set[str] = set()  # assets with metrics of their own
         self._decisions: Mapping[str, Mapping[str, int]] = {}
 
@@ -67,7 +65,7 @@ class AssetCollector(Collector):
 
     def _of_assets(self, figures: dict[str, Figure], most: int) -> Iterator[Metric]:
         """The metrics of the assets; what `figures` has of them is taken out there."""
-        snapshots = [s for name in self._board.assets() if (s := self._board.get(name))]
+        snapshots = self._table.every()
         self._choose({snapshot.asset for snapshot in snapshots}, most)
         gathered = _Gathered(self._labelled, {s.asset: s.name for s in snapshots})
         for snapshot in snapshots:
@@ -140,7 +138,7 @@ def _by_labels(figure: Figure) -> Iterator[tuple[tuple[str, ...], float]]:
 
 
 def _add_asset(gathered: _Gathered, snapshot: Snapshot) -> None:
-    """What the board knows of one asset."""
+    """What is shown of one asset."""
     name, whole = snapshot.asset, snapshot.whole
     for metric, levels in (("status", SEVERITY), ("data", DATA_LEVELS)):
         holds = whole[metric]["level"]

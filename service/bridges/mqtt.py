@@ -32,7 +32,8 @@ from service.contract.base import iso_time
 from service.contract.plant import plant_alarm_change, plant_alarms, plant_result, plant_service
 from service.errors import InputError
 from service.printable import all_printable
-from service.results.board import Board, Snapshot
+from service.results.asset_table import AssetTable
+from service.results.board import Snapshot
 from service.results.sql_store import SqlStore
 from service.settings import Settings
 from service.steady_clock import later_time_ns
@@ -77,7 +78,7 @@ class MqttBridge:
     def __init__(
         self,
         settings: Settings,
-        board: Board,
+        table: AssetTable,
         store: SqlStore,
         kept: KeptNumbers,
         inputs: SlowInputs | None = None,
@@ -85,12 +86,12 @@ class MqttBridge:
     ) -> None:
         """InputError where certificates or the password cannot be read, whatever the broker says later."""
         assert settings.mqtt is not None
-        self._settings, self._board, self._store, self._kept = settings, board, store, kept
+        self._settings, self._table, self._store, self._kept = settings, table, store, kept
         self._inputs, self._clock = inputs, clock
         self._address = BrokerAddress.of(settings.mqtt)
         self._tls = _tls_context(settings) if self._address.tls else None
         _password(settings)
-        known = {asset: s.last_event_id for asset in board.assets() if (s := board.get(asset))}
+        known = {snapshot.asset: snapshot.last_event_id for snapshot in table.every()}
         # by asset: the newest event that was published; what happened before the first start is history
         self._events = kept.section("events") or known
         kept.keep("events", self._events)
@@ -105,12 +106,12 @@ class MqttBridge:
     def serve(self, stopping: threading.Event, up: Callable[[], None]) -> None:
         """Publishes until `stopping` is set."""
         self._published.clear()
-        with self._connected(stopping) as link, self._board.follow() as changes:
+        with self._connected(stopping) as link, self._table.follow() as changes:
             link.send(self._topic("service"), plant_service("online"), retain=True)
             link.settle()
             up()
             for name in self._kept.section("names"):
-                if self._board.find(name) is None:
+                if self._table.find(name) is None:
                     self._clear(link, name)
             while not stopping.is_set():
                 self._publish(link, changes.take(LOOK_EVERY))
@@ -126,7 +127,7 @@ class MqttBridge:
         """Publishes what has changed of some assets; returns once the broker has acknowledged it."""
         events, names = dict(self._events), self._kept.section("names")
         for asset in assets:
-            snapshot = self._board.get(asset)
+            snapshot = self._table.latest(asset)
             if snapshot is None:
                 continue
             if (before := self._names.get(asset)) not in (None, snapshot.name):

@@ -30,7 +30,8 @@ from service.contract.plant import plant_result
 from service.errors import InputError
 from service.printable import all_printable, printable
 from service.results.asset_changes import AssetChanges
-from service.results.board import Board, Snapshot
+from service.results.asset_table import AssetTable
+from service.results.board import Snapshot
 from service.settings import Settings
 
 try:
@@ -80,13 +81,13 @@ class OpcUaBridge:
     def __init__(
         self,
         settings: Settings,
-        board: Board,
+        table: AssetTable,
         access: Access,
         clock: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         """InputError where certificates cannot be used, or others could reach a server that nothing protects."""
         assert settings.opcua is not None
-        self._settings, self._board, self._access, self._clock = settings, board, access, clock
+        self._settings, self._table, self._access, self._clock = settings, table, access, clock
         self._url = settings.opcua
         self._local = is_loopback(urlsplit(self._url).hostname)
         self._own = _own_of(settings)
@@ -130,7 +131,7 @@ class OpcUaBridge:
             space = _Space(server, await server.register_namespace(NAMESPACE), self._clock)
             await space.begin()
             up()
-            with self._board.follow() as changes:
+            with self._table.follow() as changes:
                 while not stopping.is_set():
                     await self._show(space, await asyncio.to_thread(AssetChanges.take, changes, LOOK_EVERY))
 
@@ -169,7 +170,7 @@ class OpcUaBridge:
 
     async def _show(self, space: _Space, assets: tuple[str, ...]) -> None:
         for asset in assets:
-            if (snapshot := self._board.get(asset)) is not None:
+            if (snapshot := self._table.latest(asset)) is not None:
                 self._writes += await space.show(snapshot)
             await asyncio.sleep(0)  # clients are answered between two assets
 

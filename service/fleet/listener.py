@@ -123,7 +123,7 @@ class Listener(threading.Thread):
     def _show_new(self, asset: str) -> None:
         """An asset that a front end has created is one of the partition's from now on."""
         kept = self._kept
-        if kept.board.get(asset) is None and asset in kept.store.assets():
+        if kept.table.latest(asset) is None and asset in kept.store.assets():
             adopted = kept.unknown.find(asset)
             kept.told(ASSET, asset)
             if kept.store.asset(asset).rig is None and adopted is not None and adopted.rig is not None:

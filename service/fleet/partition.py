@@ -107,11 +107,11 @@ def serve_partition(
     with _begun(own, open_store, stop, streams.refusal) as begun, ExitStack() as stack:
         if begun is None:
             return
-        store, board, kept = begun.store, begun.board, begun.kept
+        store, kept = begun.store, begun.kept
         timing, health = Timing(), Health(own.loop_limit)
         store.database.took = timing.stored
         writer = SignalWriter(begun.signals)
-        raw = stack.enter_context(recording_raw(own, board, health, prefix=settings.prefix))
+        raw = stack.enter_context(recording_raw(own, begun.table, health, prefix=settings.prefix))
         curves = CurveWriter(database)
         computing_of = partial(_computing_of, StoredCurves(database), curves, submit)
         transport = open_transport or zenoh_of(own)

@@ -1,32 +1,40 @@
-"""The assets as they are answered: made of the tables when somebody asks, by any process.
+"""The assets as they are shown: made of the tables, by any process, and kept as long as nothing changes them.
 
-A snapshot that was made is kept as long as the asset's row and its events are those that it was made of. What is
-committed is therefore shown by whoever asks afterwards.
+What is committed is shown by whoever asks afterwards. `get` looks whether an asset's row and events are still those
+that its snapshot was made of; `latest` asks nothing where this process has heard of no change, and `changed` says that
+there is one. `note` shows what only this process knows yet: counters of frames, windows that wait.
 """
 
 from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, Table, and_, bindparam, func, or_, select
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
+from service.errors import StoreError
 from service.json_text import JsonText
+from service.results.asset_changes import AssetChanges
 from service.results.asset_list import Choice, Page, Place, area_entry
 from service.results.asset_rows import put, volatile_of
 from service.results.board import Snapshot
 from service.results.change_signal import ChangeSignal
 from service.results.schema import ASSETS, EVENTS
 from service.results.sql_store import SqlStore
+from service.results.store import StoredAsset
 from service.stream.wire.topics import NAME
 
+FRESH_EVERY = 2.0  # between two rows of an asset that differ only in when frames came last [s]
+BATCH = 100  # rows of one transaction
+FLEETING = {"quality", "last_frame_ns"}  # parts of a snapshot that change with each frame
 SNAPSHOTS = 256  # that are kept, those that were asked for last; some 100 kB each
 _OF = ASSETS.c.asset == bindparam("of")
 _LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == bindparam("of"))
@@ -35,29 +43,65 @@ _VOLATILE = select(ASSETS.c.volatile).where(_OF)
 _LABELLED = select(ASSETS.c.asset).where(ASSETS.c.label == bindparam("of"))
 
 
-class _Seen(NamedTuple):
+class Seen(NamedTuple):
     """By what a snapshot is known to be the present one."""
 
-    version: int  # of the asset's row
-    last_event_id: int
+    version: int = -1  # of the asset's row
+    last_event_id: int = 0
+
+
+@dataclass(slots=True)
+class _Made:
+    """A snapshot of which rows it was made, and how it is shown."""
+
+    seen: Seen
+    snapshot: Snapshot
+    shown: Snapshot | None = None  # with what only this process knows; None until somebody asks
 
 
 class AssetTable:
     """The assets of one database, and who waits for them to change.
 
-    unstored  why nothing can be stored at present, and since when (ISO 8601), where that is known
+    most  snapshots that are kept; None: all of them, by whoever takes in the windows of all
     """
 
     def __init__(
         self,
         store: SqlStore,
-        alarms: AlarmKeeper,
-        unstored: Callable[[], tuple[str, str] | None] = lambda: None,
+        alarms: AlarmKeeper | None = None,
+        most: int | None = SNAPSHOTS,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._store, self._alarms, self._signal, self._unstored = store, alarms, ChangeSignal(), unstored
-        self._made: OrderedDict[str, tuple[_Seen, Snapshot]] = OrderedDict()
-        self._lock = threading.Lock()
+        self._store, self._alarms, self._most, self._signal = store, alarms, most, ChangeSignal()
+        self._made: OrderedDict[str, _Made] = OrderedDict()
+        self._noted: dict[str, dict[str, Any]] = {}  # by asset: parts of snapshots that only this process knows
+        self._old: set[str] = set()  # assets whose snapshots may be old
+        self._complete = False  # whether there are snapshots of all assets
+        self._due: dict[str, None] = {}  # assets whose rows are to be written now ...
+        self._later: dict[str, None] = {}  # ... and those whose rows can wait
+        self._clock, self._fresh_at = clock, 0.0
+        self._followers: list[AssetChanges] = []
+        self._lock = threading.RLock()
+        self.unstored: tuple[str, str] | None = None  # why nothing can be stored now, and since when (ISO 8601)
         self.closed = False
+
+    def load(self, known: Iterable[StoredAsset]) -> None:
+        """Takes up all assets at the start of a service, which has read what is committed of them."""
+        last_events = self._store.last_event_ids()
+        opened = {} if self._alarms is None else self._alarms.store.open_by_asset()
+        rows = {
+            asset: (version, volatile)
+            for asset, version, volatile in self._rows(lambda t: select(t.c.asset, t.c.version, t.c.volatile))
+        }
+        for stored in known:
+            asset = stored.asset
+            version, volatile = rows[asset]
+            snapshot = Snapshot.from_store(self._store, stored, last_events.get(asset, 0))
+            stale = volatile_of(volatile, asset).get("stale")
+            snapshot = replace(snapshot, alarms=opened.get(asset, ()), stale=stale)
+            self._made[asset] = _Made(Seen(version, snapshot.last_event_id), snapshot)
+            self._due[asset] = None  # what the last run alone knew is over
+        self._complete = True
 
     # -- where they are ------------------------------------------------------------------------------
 
@@ -65,28 +109,47 @@ class AssetTable:
         """Where the results of an asset are, or of one that has a name."""
         return self._store
 
-    def _rows(self, query: Callable[[Table], Select], order: Sequence[str] = (), limit: int | None = None) -> list[Any]:
-        """The rows that a query of the assets' table answers; by columns, of which one with `-` falls."""
-        ordered = (ASSETS.c[name.lstrip("-")].desc() if name.startswith("-") else ASSETS.c[name] for name in order)
-        return self._store.database.rows(query(ASSETS).order_by(*ordered).limit(limit))
-
     # -- one asset -----------------------------------------------------------------------------------
 
     def get(self, asset: str) -> Snapshot | None:
-        """The asset as it is committed; None where there is none."""
-        rows = self._store_of(asset).database.rows(_SEEN, {"of": asset})
-        if not rows:
-            return None
-        seen = _Seen(*rows[0])
+        """The asset as it is committed, with what only this process knows; None where there is none."""
+        self._old.discard(asset)
+        try:
+            rows = self._store_of(asset).database.rows(_SEEN, {"of": asset})
+            seen = Seen(*rows[0]) if rows else Seen()
+            with self._lock:
+                made = self._made.get(asset)
+            if rows and (made is None or made.seen != seen):
+                made = _Made(seen, self._read(asset, seen))
+        except StoreError:
+            self._old.add(asset)
+            raise
         with self._lock:
-            kept = self._made.get(asset)
-            if kept is None or kept[0] != seen:
-                kept = None
-            else:
-                self._made.move_to_end(asset)
-        snapshot = self._make(asset, seen) if kept is None else kept[1]
-        unstored = self._unstored()
-        return snapshot if unstored is None else replace(snapshot, unstored=unstored).with_whole()
+            if made is None or (not rows and asset not in self._noted):
+                self._made.pop(asset, None)
+                return None
+            return self._shown(asset, self._keep(asset, made))
+
+    def latest(self, asset: str) -> Snapshot | None:
+        """The asset as this process has it: it is read only where it may have changed, and the storage answers."""
+        made = self._made.get(asset)
+        if asset in self._old or (made is None and not self._complete):
+            try:
+                return self.get(asset)
+            except StoreError:
+                made = self._made.get(asset)
+        if made is None:
+            return None
+        with self._lock:
+            return self._shown(asset, made)
+
+    def every(self) -> list[Snapshot]:
+        """All assets, by their ids; those that this process has where the storage cannot be read."""
+        try:
+            assets: Iterable[str] = self._made if self._complete else self.assets()
+        except StoreError:
+            assets = self._made
+        return [snapshot for asset in sorted(assets) if (snapshot := self.latest(asset)) is not None]
 
     def find(self, name: str) -> Snapshot | None:
         """The asset that is called so now."""
@@ -95,24 +158,96 @@ class AssetTable:
         rows = self._store_of(name).database.rows(_LABELLED, {"of": name})
         return self.get(rows[0][0]) if rows else None
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Writes how an asset is shown by now, in the caller's transaction: a person has changed it."""
-        put(self._store_of(snapshot.asset).database, [snapshot.with_whole()])
-
-    def _make(self, asset: str, seen: _Seen) -> Snapshot:
+    def _read(self, asset: str, seen: Seen) -> Snapshot:
         store = self._store_of(asset)
         snapshot = Snapshot.from_store(store, store.shown_asset(asset), seen.last_event_id)
         ((volatile,),) = store.database.rows(_VOLATILE, {"of": asset})
-        alarms = self._alarms.open(asset)
-        snapshot = replace(snapshot, alarms=alarms, **volatile_of(volatile, asset)).with_whole()
+        alarms = () if self._alarms is None else self._alarms.open(asset)
+        return replace(snapshot, alarms=alarms, **volatile_of(volatile, asset))
+
+    def _shown(self, asset: str, made: _Made) -> Snapshot:
+        if made.shown is None:
+            noted = self._noted.get(asset, {})
+            made.shown = replace(made.snapshot, unstored=self.unstored, **noted).with_whole()
+        return made.shown
+
+    def _keep(self, asset: str, made: _Made) -> _Made:
+        self._made[asset] = made
+        self._made.move_to_end(asset)
+        while self._most is not None and len(self._made) > self._most:
+            self._made.popitem(last=False)
+        return made
+
+    # -- what is shown otherwise -----------------------------------------------------------------------
+
+    def note(self, asset: str, **parts: Any) -> None:
+        """Shows parts of an asset that only this process knows yet; `write_noted` writes them into its row."""
+        self.latest(asset)  # another thread may have made it
         with self._lock:
-            self._made[asset] = seen, snapshot
-            self._made.move_to_end(asset)
-            while len(self._made) > SNAPSHOTS:
-                self._made.popitem(last=False)
-        return snapshot
+            made = self._made.get(asset) or self._keep(asset, _Made(Seen(), Snapshot(asset=asset, label=asset)))
+            self._noted.setdefault(asset, {}).update(parts)
+            made.shown = None
+            (self._later if FLEETING.issuperset(parts) else self._due)[asset] = None
+        self._tell(asset)
+
+    def note_unstored(self, unstored: tuple[str, str] | None) -> None:
+        """Shows why nothing can be stored now, and since when (ISO 8601); or that it can."""
+        with self._lock:
+            self.unstored = unstored
+            for made in self._made.values():
+                made.shown = None
+        self._tell(*self._made)
+
+    def write(self, snapshot: Snapshot) -> int:
+        """Writes how an asset is shown by now, in the caller's transaction; the version of its row."""
+        return put(self._store_of(snapshot.asset).database, [snapshot])[snapshot.asset]
+
+    def written(self, snapshot: Snapshot, version: int) -> None:
+        """A row has been committed of a snapshot that was made of the latest one, and is shown."""
+        asset = snapshot.asset
+        with self._lock:
+            self._keep(asset, _Made(Seen(version, snapshot.last_event_id), snapshot, snapshot))
+            noted = self._noted.get(asset, {})
+            noted |= {name: getattr(snapshot, name) for name in noted}
+        self._tell(asset)
+        self._signal.wake(asset)
+
+    def write_noted(self) -> None:
+        """Called between frames: writes the rows of assets that are shown otherwise by what was noted.
+
+        Of an asset of which only frames have come, now and then. StorageUnavailable where that cannot be kept now.
+        """
+        if self._later and self._clock() >= self._fresh_at:
+            self._fresh_at = self._clock() + FRESH_EVERY
+            self._due, self._later = self._due | self._later, {}
+        while self._due:
+            batch = list(self._due)[:BATCH]
+            shown = [snapshot for asset in batch if (snapshot := self.latest(asset)) is not None]
+            with self._store.database.transaction():
+                versions = put(self._store.database, shown)
+            for snapshot in shown:
+                self.written(snapshot, versions[snapshot.asset])
+            for asset in batch:
+                self._due.pop(asset, None)
+
+    def renewed(self, asset: str) -> None:
+        """Something else is kept of an asset; how it is shown is read anew, and written into its row."""
+        with self._lock:
+            if asset in self._made:
+                self._made[asset].seen = Seen()
+            self._due[asset] = None
+        self.changed(asset)
 
     # -- all assets ----------------------------------------------------------------------------------
+
+    def _rows(self, query: Callable[[Table], Select], order: Sequence[str] = (), limit: int | None = None) -> list[Any]:
+        """The rows that a query of the assets' table answers; by columns, of which one with `-` falls."""
+        ordered = (ASSETS.c[name.lstrip("-")].desc() if name.startswith("-") else ASSETS.c[name] for name in order)
+        return self._store.database.rows(query(ASSETS).order_by(*ordered).limit(limit))
+
+    def known(self) -> tuple[str, ...]:
+        """The assets of which this process has a snapshot, sorted."""
+        return tuple(sorted(self._made))
 
     def assets(self) -> tuple[str, ...]:
         """The assets, sorted."""
@@ -173,7 +308,7 @@ class AssetTable:
 
     def _summary(self, text: str | None, asset: str) -> Mapping[str, Any]:
         """The entry of the list, as it was written; of an asset of which none was yet, as it would be."""
-        if text is not None and self._unstored() is None:
+        if text is not None and self.unstored is None:
             return JsonText(text)
         snapshot = self.get(asset)
         assert snapshot is not None
@@ -182,8 +317,25 @@ class AssetTable:
     # -- changes -------------------------------------------------------------------------------------
 
     def changed(self, *assets: str) -> None:
-        """Rows of these assets, or of nobody knows which, have been written."""
+        """Rows of these assets, or of nobody knows which, have been written by somebody else."""
+        self._old.update(assets or tuple(self._made))
+        self._tell(*assets)
         self._signal.wake(*assets)
+
+    def _tell(self, *assets: str) -> None:
+        for follower in tuple(self._followers):
+            follower.note(*assets)
+
+    @contextmanager
+    def follow(self) -> Iterator[AssetChanges]:
+        """The assets that change while inside, for one thread; all of which this process has a snapshot come first."""
+        follower = AssetChanges()
+        self._followers.append(follower)
+        follower.note(*self.known())
+        try:
+            yield follower
+        finally:
+            self._followers.remove(follower)
 
     def changes(self, asset: str | None = None) -> AbstractContextManager[asyncio.Event]:
         """An event of the running loop that is set at each change, or at those of one asset; the reader clears it."""

@@ -1,14 +1,8 @@
-"""What is shown of the assets by whoever takes in their windows: one immutable snapshot an asset.
-
-It is published here after the store has committed it, to Zenoh and the bridges; `asset_rows.py` writes it into the
-database, from which REST answers (`asset_table.py`).
-"""
+"""What is shown of one asset: a snapshot, which is never changed."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,7 +11,6 @@ from service.contract.answer import NO_WHOLE_WINDOW, assemble, health_of
 from service.contract.base import iso_time
 from service.contract.overview import overview
 from service.contract.status import Backlog, asked, none_yet, not_stored
-from service.results.asset_changes import AssetChanges
 from service.results.sparkline import REFUSED, Sparkline
 from service.results.sql_store import SqlStore
 from service.results.store import FaultTotals, StoredAsset, StoredWindow, faults_of
@@ -193,109 +186,6 @@ class Snapshot:
             for (kind, channel, action), (count, windows) in sorted(self.fault_totals.items())
         ]
         return {**self.quality, "totals": totals}
-
-
-class Board:
-    """The snapshots of all assets, and who follows them."""
-
-    def __init__(self) -> None:
-        self._snapshots: dict[str, Snapshot] = {}
-        self._assets: dict[str, str] = {}  # by what they are called now
-        self._lock = threading.Lock()
-        self._followers: list[AssetChanges] = []
-
-    @classmethod
-    def from_store(cls, store: SqlStore, known: Iterable[StoredAsset] | None = None) -> Board:
-        """The board as it was when the last window was committed.
-
-        known  all assets of the store, where they have been read
-        """
-        board, last_events = cls(), store.last_event_ids()
-        for stored in store.all_assets() if known is None else known:
-            board._put(Snapshot.from_store(store, stored, last_events.get(stored.asset, 0)))
-        return board
-
-    # -- reading -------------------------------------------------------------------------------------
-
-    def assets(self) -> tuple[str, ...]:
-        return tuple(sorted(self._snapshots))
-
-    def get(self, asset: str) -> Snapshot | None:
-        return self._snapshots.get(asset)
-
-    def find(self, name: str) -> Snapshot | None:
-        """The asset that is called so now."""
-        asset = self._assets.get(name)
-        return None if asset is None else self._snapshots.get(asset)
-
-    def names(self) -> tuple[str, ...]:
-        """What the assets are called now, sorted."""
-        return tuple(sorted(self._assets))
-
-    # -- publishing ----------------------------------------------------------------------------------
-
-    def put(self, before: Snapshot | None, after: Snapshot) -> Snapshot:
-        """Shows `after`, which was made of `before`; alarms that another thread has shown newer ones of stay."""
-        with self._lock:
-            present = self._snapshots.get(after.asset)
-            if present is not None and present is not before and present.last_event_id > after.last_event_id:
-                newer = {name: getattr(present, name) for name in ("alarms", "last_event_id")}
-                after = replace(after, **newer).with_whole()
-            self._show(after)
-            self._note(after.asset)
-        return after
-
-    def update(self, asset: str, **changes: Any) -> Snapshot:
-        """Shows changed parts of an asset's snapshot: rig, quality, last_event_id, stale."""
-        return self._change(asset, lambda s: replace(s, **_no_older(s, changes)))
-
-    def followed(self) -> AssetChanges:
-        """The assets that change from now on, for one thread; all assets of the board come first."""
-        follower = AssetChanges()
-        with self._lock:
-            follower.note(*self.assets())
-            self._followers.append(follower)
-        return follower
-
-    @contextmanager
-    def follow(self) -> Iterator[AssetChanges]:
-        """As `followed`, while inside."""
-        follower = self.followed()
-        try:
-            yield follower
-        finally:
-            with self._lock:
-                self._followers.remove(follower)
-
-    # -- within --------------------------------------------------------------------------------------
-
-    def _note(self, *assets: str) -> None:
-        for follower in self._followers:
-            follower.note(*assets)
-
-    def _change(self, asset: str, change: Callable[[Snapshot], Snapshot]) -> Snapshot:
-        with self._lock:
-            snapshot = self._put(change(self._snapshots.get(asset) or Snapshot(asset=asset, label=asset)))
-            self._note(asset)
-        return snapshot
-
-    def _put(self, snapshot: Snapshot) -> Snapshot:
-        return self._show(snapshot.with_whole())
-
-    def _show(self, snapshot: Snapshot) -> Snapshot:
-        before = self._snapshots.get(snapshot.asset)
-        self._snapshots[snapshot.asset] = snapshot
-        if before is not None and before.name != snapshot.name:
-            del self._assets[before.name]
-        self._assets[snapshot.name] = snapshot.asset
-        return snapshot
-
-
-def _no_older(shown: Snapshot, changes: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Changes without alarms that another thread has shown newer ones of, by the event that each change of them is."""
-    if changes.get("last_event_id", shown.last_event_id) >= shown.last_event_id:
-        return changes
-    return {name: value for name, value in changes.items() if name not in ("alarms", "last_event_id")}
 
 
 def has_point(window: StoredWindow) -> bool:

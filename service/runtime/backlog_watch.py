@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection
 
-from service.results.board import Board, Waiting
+from service.results.asset_table import AssetTable
+from service.results.board import Waiting
 from service.runtime.computing import Computing
 from service.runtime.lane import Lane
 from service.runtime.lanes import Lanes
@@ -22,12 +23,12 @@ class BacklogWatch:
         self,
         lanes: Lanes,
         computing: Computing,
-        board: Board,
+        table: AssetTable,
         publication: StatePublication,
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._lanes, self._computing, self._board, self._publication = lanes, computing, board, publication
+        self._lanes, self._computing, self._table, self._publication = lanes, computing, table, publication
         self._clock, self._looked = clock, float("-inf")
 
     def __call__(self) -> None:
@@ -38,14 +39,14 @@ class BacklogWatch:
         self._looked = now
         at_work, reason = frozenset(map(self._named, self._computing.at_work())), self._computing.unusable()
         for lane in self._lanes.all():
-            shown = self._board.get(lane.asset)
+            shown = self._table.latest(lane.asset)
             found = waiting_of(lane, self._named(lane.asset), at_work, reason)
             if shown is not None and shown.waiting != found:
-                self._board.update(lane.asset, waiting=found)
+                self._table.note(lane.asset, waiting=found)
                 self._publication.publish(lane.asset)
 
     def _named(self, asset: str) -> str:
-        shown = self._board.get(asset)
+        shown = self._table.latest(asset)
         return asset if shown is None else shown.name
 
 

@@ -14,8 +14,9 @@ from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
 from service.long_lived import long_lived
 from service.results.alarm_store import AlarmStore
 from service.results.asset_rows import put
+from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
+from service.results.board import Snapshot
 from service.results.data_folder import BASELINES, SIGNALS, WAITING
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
@@ -40,7 +41,7 @@ class Begun(AbstractContextManager["Begun"]):
     """The open store, what was read of it, and where results are kept and shown; closed when it is left."""
 
     store: SqlStore
-    board: Board
+    table: AssetTable
     signals: SignalStore
     kept: Kept
     alarms: AlarmKeeper
@@ -61,17 +62,16 @@ class Begun(AbstractContextManager["Begun"]):
             windows.step_back()
             jobs = Jobs(store.database)
             names = Names(store.database)
-            known, board = stack.enter_context(_restored(store))
             signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
             alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
-            for asset, opened in alarms.store.open_by_asset().items():
-                board.update(asset, alarms=opened)
+            declare(settings, store, names, elsewhere)
+            known, table = stack.enter_context(_restored(store, alarms))
             kept = Kept(
                 store=store,
-                board=board,
+                table=table,
                 queue=JobQueue(jobs),
                 windows=windows,
-                unknown=unknown_of(settings, board, names, elsewhere),
+                unknown=unknown_of(settings, elsewhere),
                 baselines=BaselineStore(store.database, settings.data / BASELINES),
                 names=names,
                 alarms=alarms,
@@ -79,14 +79,14 @@ class Begun(AbstractContextManager["Begun"]):
             )
             rigs = Rigs(
                 store,
-                board,
+                table,
                 given_rigs,
                 RigProposals(jobs.rejected_rigs),
                 asks=kept.unknown.asks,
                 names=names,
             )
             resources = stack.pop_all()
-        return cls(store=store, board=board, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
+        return cls(store=store, table=table, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -95,23 +95,27 @@ class Begun(AbstractContextManager["Begun"]):
 
 
 @contextmanager
-def _restored(store: SqlStore) -> Iterator[tuple[dict[str, StoredAsset], Board]]:
+def _restored(store: SqlStore, alarms: AlarmKeeper) -> Iterator[tuple[dict[str, StoredAsset], AssetTable]]:
     """All assets of the store, and what is shown of them as long as the service runs."""
     with long_lived():
         known = {stored.asset: stored for stored in store.all_assets()}
-        board = Board.from_store(store, known.values())
+        table = AssetTable(store, alarms, most=None)
+        table.load(known.values())
     try:
-        yield known, board
+        yield known, table
     finally:
         gc.unfreeze()
 
 
-def unknown_of(settings: Settings, board: Board, names: Names, elsewhere: Elsewhere = everything_here) -> UnknownAssets:
-    """The list of unknown assets, by the settings; assets that are declared are shown from now on."""
+def declare(settings: Settings, store: SqlStore, names: Names, elsewhere: Elsewhere = everything_here) -> None:
+    """Assets that the settings name are there from now on."""
     declared = dict.fromkeys((*settings.assets, *settings.asset_rigs))
     new = [asset for asset in declared if names.is_free(asset) and elsewhere(asset) is None]
-    if new:
-        put(names.database, [board.update(asset) for asset in new])
+    put(store.database, [Snapshot(asset=asset, label=asset).with_whole() for asset in new])
+
+
+def unknown_of(settings: Settings, elsewhere: Elsewhere = everything_here) -> UnknownAssets:
+    """The list of unknown assets, by the settings."""
     rule, why = settings.rule_of_new_assets
     log.info("new assets: %s%s", rule, "" if why is None else f" ({why})")
     return UnknownAssets(

@@ -8,7 +8,7 @@ from service.access.access import Access
 from service.bridges.bridge import Bridge, Bridges, Helper
 from service.bridges.kept import KeptNumbers
 from service.errors import InputError
-from service.results.board import Board
+from service.results.asset_table import AssetTable
 from service.results.sql_store import SqlStore
 from service.settings import Settings
 
@@ -16,7 +16,7 @@ FOLDER = "bridges"  # in the data directory
 
 
 def bridges_of(
-    settings: Settings, board: Board, store: SqlStore, offer: Callable[[str, bytes], bool], access: Access
+    settings: Settings, table: AssetTable, store: SqlStore, offer: Callable[[str, bytes], bool], access: Access
 ) -> Bridges:
     """All bridges; InputError where a setting or a package is missing.
 
@@ -34,11 +34,11 @@ def bridges_of(
         if settings.mqtt_inputs is not None:
             inputs = SlowInputs(load_inputs(settings.mqtt_inputs), offer, kept, settings.prefix)
             helpers.append(inputs)
-        bridges.append(MqttBridge(settings, board, store, kept, inputs))
+        bridges.append(MqttBridge(settings, table, store, kept, inputs))
     elif settings.mqtt_inputs is not None:
         raise InputError("setting mqtt_inputs: slow values come from a broker; give it in the setting mqtt")
     if settings.opcua is not None:
         from service.bridges.opcua import OpcUaBridge
 
-        bridges.append(OpcUaBridge(settings, board, access))
+        bridges.append(OpcUaBridge(settings, table, access))
     return Bridges(bridges, helpers)

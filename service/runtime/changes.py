@@ -26,8 +26,8 @@ from service.contract.status import shown_question
 from service.errors import InputError
 from service.files.rig import checked_rig
 from service.files.rig_difference import differences
+from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
 from service.results.jobs import Job, Jobs
 from service.results.names import Names
 from service.results.present_machine import demand_present
@@ -66,7 +66,7 @@ class Changes:
         reception: Reception,
         lanes: Lanes,
         store: SqlStore,
-        board: Board,
+        table: AssetTable,
         publication: StatePublication,
         *,
         names: Names,
@@ -78,7 +78,7 @@ class Changes:
     ) -> None:
         self._names, self._proposals, self._baselines = names, proposals, baselines
         self._jobs, self._windows, self._reception, self._lanes = jobs, windows, reception, lanes
-        self._store, self._board, self._publication = store, board, publication
+        self._store, self._table, self._publication = store, table, publication
         self._streams, self._intake, self._spool = streams, intake, spool
         machine = JobKind(self._machine, self._ask_machine)
         self.kinds: Mapping[str, JobKind] = {
@@ -107,7 +107,7 @@ class Changes:
 
     def _machine(self, lane: Lane, change: Job, made: Made) -> Outcome:
         """A change of the machine: what it ends of the twin's memory begins again."""
-        asset, question, shown = change.asset, lane.question, self._board.get(change.asset)
+        asset, question, shown = change.asset, lane.question, self._table.latest(change.asset)
         assert made.answer is not None
         epoch, revolutions = (0, None) if shown is None else (shown.epoch, shown.latest.get("revolutions"))
         changed: dict[str, Any] = {}
@@ -165,14 +165,13 @@ class Changes:
         def take_over() -> None:
             self._streams.reload()
             self._lanes.of(name)
-            last_of_new = self._store.last_event_id(name)
             if fresh:
                 self._reception.flush(asset)
             else:
                 self._spool.give(asset, name)
             self._reception.split(asset, name, fresh=fresh)
             self._intake.know(name)
-            self._board.update(name, rig=rig, last_event_id=last_of_new)
+            self._table.renewed(name)
             self._publication.publish(name)
             self._lanes.give(asset, name, fresh=fresh)
 

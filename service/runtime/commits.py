@@ -1,4 +1,4 @@
-"""One transaction for all that a job has led to; then it is shown on the board and the network.
+"""One transaction for all that a job has led to; then it is shown in the table of assets and on the network.
 
 A job may be committed a second time where an earlier attempt was committed without an answer: nothing is kept twice,
 and what is shown is what it has led to.
@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
-from service.results.asset_rows import AssetRows
-from service.results.board import Board, Snapshot
+from service.results.asset_table import AssetTable
+from service.results.board import Snapshot
 from service.results.jobs import Job, Jobs
 from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
@@ -33,33 +33,31 @@ HEALTH = {"report", "question", "stale"}  # parts of a snapshot that its status 
 
 
 class Commits:
-    """A `ResultSink` over store, board and network."""
+    """A `ResultSink` over store, table of assets and network."""
 
     def __init__(
         self,
         store: SqlStore,
-        board: Board,
+        table: AssetTable,
         publication: StatePublication,
         windows: WindowJobs,
         clock: Callable[[], int] = later_time_ns,
         signals: SignalWriter | None = None,
         alarms: AlarmKeeper | None = None,
-        rows: AssetRows | None = None,
     ) -> None:
         self._store, self._windows, self._jobs = store, windows, Jobs(store.database)
-        self._board, self._publication, self._clock = board, publication, clock
-        self._signals, self._alarms, self._rows = signals, alarms, rows
-        self._committed: tuple[Snapshot | None, Snapshot] | None = None  # as it was shown before, and is to be shown
+        self._table, self._publication, self._clock = table, publication, clock
+        self._signals, self._alarms = signals, alarms
+        self._committed: tuple[Snapshot, int] | None = None  # how the asset is shown, and the version of its row
 
     def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
         """Keeps an outcome, with the alarms that it raises and how the asset is shown then, in one transaction."""
-        before = self._board.get(outcome.asset)
+        before = self._table.latest(outcome.asset)
         with self._windows.transaction():
             shown = self._kept(outcome, job, before)
             if shown is not None:
                 shown = replace(shown, last_event_id=self._store.last_event_id(outcome.asset)).with_whole()
-                if self._rows is not None:
-                    self._rows.put(shown)
+                version = self._table.write(shown)
             if outcome.waited is not None:
                 self._windows.drop_waiting(outcome.waited)
         if shown is None:
@@ -68,15 +66,13 @@ class Commits:
             told = {"asset": outcome.asset, "window": start}
             log.error("%s: window %s had been committed before", outcome.asset, start, extra=told)
             return False
-        self._committed = before, shown
+        self._committed = shown, version
         return True
 
     def publish(self, outcome: Outcome) -> None:
         """Shows the outcome that was committed last."""
         assert self._committed is not None
-        snapshot = self._board.put(*self._committed)
-        if self._rows is not None:
-            self._rows.kept(snapshot)
+        self._table.written(*self._committed)
         self._publication.publish(outcome.asset)
         if outcome.window is None:
             return

@@ -130,9 +130,10 @@ class Lanes:
 
     def restore(self, asset: str, checkpoint: Checkpoint, entries: Sequence[Entry] = ()) -> None:
         """Goes on where an earlier run ended, with the windows of an asset that it has left; `go` begins with them."""
-        self._reception.resume(asset, checkpoint.assembly, checkpoint.quality)
+        if checkpoint.assembly is not None and checkpoint.quality is not None:
+            self._reception.resume(asset, checkpoint.assembly, checkpoint.quality)
         lane = self.of(asset)
-        lane.assembly = checkpoint.assembly
+        lane.assembly = checkpoint.assembly or {}
         lane.entries.extend(entries)
         if checkpoint.question is not None:
             lane.held = min(checkpoint.question["waiting"], len(lane.entries))

@@ -75,8 +75,8 @@ class Checkpoint:
     index: int
     state: Any  # twin.step.State
     report: Mapping[str, Any] | None
-    assembly: Mapping[str, Any]
-    quality: Mapping[str, Any]
+    assembly: Mapping[str, Any] | None  # None before the first window, which people's jobs may precede
+    quality: Mapping[str, Any] | None
     question: Mapping[str, Any] | None = None
     shed: int = 0  # windows that were left out because too much waited
 

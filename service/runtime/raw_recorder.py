@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from service.operation.health import RAW_RECORDINGS, Health
-from service.results.board import Board
+from service.results.asset_table import AssetTable
 from service.settings import HOUR, Settings
 from service.setup.toml_text import document_text
 from service.stream.frames import Frame
@@ -152,7 +152,7 @@ class RawRecorder:
 
 @contextmanager
 def recording_raw(
-    settings: Settings, board: Board, health: Health, *, prefix: str | None = None
+    settings: Settings, table: AssetTable, health: Health, *, prefix: str | None = None
 ) -> Iterator[RawRecorder | None]:
     """The recorder of a service, by its settings, until left; None where frames are not kept.
 
@@ -173,7 +173,7 @@ def recording_raw(
     )
     folder = settings.raw_folder or settings.data / FOLDER
     prefix = prefix or settings.prefix
-    recordings = RawRecordings(folder, limits, rig_text_of=rig_texts(board), prefix=prefix)
+    recordings = RawRecordings(folder, limits, rig_text_of=rig_texts(table), prefix=prefix)
     sender = None
     if settings.raw_url is not None:
         from service.results.raw_segments import SegmentSender
@@ -187,12 +187,12 @@ def recording_raw(
         recorder.end()
 
 
-def rig_texts(board: Board) -> Callable[[str], bytes | None]:
+def rig_texts(table: AssetTable) -> Callable[[str], bytes | None]:
     """The rig file that holds for an asset, as TOML; written again only where another one holds."""
     written: dict[str, tuple[Mapping[str, Any], bytes]] = {}
 
     def rig_text(asset: str) -> bytes | None:
-        snapshot = board.get(asset)
+        snapshot = table.latest(asset)
         rig = None if snapshot is None else snapshot.rig
         if not rig:
             return None

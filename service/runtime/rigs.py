@@ -23,7 +23,7 @@ from service.errors import InputError
 from service.files.documents import parsed_document
 from service.files.rig import checked_rig, load_mapping
 from service.files.rig_difference import differences
-from service.results.board import Board
+from service.results.asset_table import AssetTable
 from service.results.names import Names
 from service.results.rig_proposals import RigProposals
 from service.results.sql_store import SqlStore
@@ -109,14 +109,14 @@ class Rigs:
     def __init__(
         self,
         store: SqlStore,
-        board: Board,
+        table: AssetTable,
         given: GivenRigs,
         proposals: RigProposals | None = None,
         *,
         asks: bool = False,
         names: Names | None = None,
     ) -> None:
-        self._store, self._board, self.given = store, board, given
+        self._store, self._table, self.given = store, table, given
         self.proposals, self.asks = proposals or RigProposals(), asks
         self._names = names
 
@@ -171,9 +171,7 @@ class Rigs:
         checked = checked_rig(rig, f"rig of {asset}")
         if rig != stored.rig:
             self._adopt(stored, rig)
-        shown = self._board.get(asset)
-        if shown is None or shown.rig != rig:
-            self._board.update(asset, rig=rig)
+            self._table.renewed(asset)
         return checked
 
     def _offered_for(self, asset: str, offered: OfferedRigs) -> Mapping[str, Any] | None:
@@ -187,7 +185,7 @@ class Rigs:
 
     def propose(self, asset: str, rig: Mapping[str, Any]) -> None:
         """A rig file was offered for an asset that has begun: it waits for a person where it is another one."""
-        snapshot = self._board.get(asset)
+        snapshot = self._table.latest(asset)
         if snapshot is None or self.given_of(asset) is not None:
             return
         if differences(snapshot.rig or {}, rig):
@@ -204,7 +202,6 @@ class Rigs:
                 "detail": detail,
             }  # fmt: skip
             self._store.note(stored.asset, [("data_fault", fault)])
-            self._board.update(stored.asset, last_event_id=self._store.last_event_id(stored.asset))
         self._store.keep_rig(stored.asset, rig)
 
 

@@ -19,7 +19,6 @@ from service.operation.health import SIGNALS as RAW_SIGNALS
 from service.operation.systemd import READY, STOPPING, Watchdog, notify
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
-from service.results.asset_table import AssetTable
 from service.results.audit_log import AuditLog
 from service.results.data_folder import database_of, only_service_of
 from service.results.sql_store import SqlStore
@@ -67,16 +66,14 @@ def run(
         stack.enter_context(only_service_of(settings.data))
         listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
         begun = stack.enter_context(_opened(settings, given_rigs, open_store, listening, front, stop))
-        store, board, kept, alarms, rigs = begun.store, begun.board, begun.kept, begun.alarms, begun.rigs
+        store, table, kept, alarms, rigs = begun.store, begun.table, begun.kept, begun.alarms, begun.rigs
         timing = Timing()
         store.database.took = timing.stored
         writer, health = SignalWriter(begun.signals), Health(settings.loop_limit)
-        raw = stack.enter_context(recording_raw(settings, board, health))
+        raw = stack.enter_context(recording_raw(settings, table, health))
         worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), writer, health, raw)
-        table = AssetTable(store, alarms, worker.unstored)
-        worker.shown = table.changed
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
-        bridges = bridges_of(settings, board, store, worker.offer, access)
+        bridges = bridges_of(settings, table, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)
         retention = RetentionJob(store, retention_of(settings))
         parts = (worker, webhooks, bridges, retention)
@@ -97,7 +94,6 @@ def run(
             labelled_assets=settings.metrics_assets,
             health=health,
             told=kept.told,
-            live=board,
         )
 
         def started() -> None:

@@ -22,7 +22,8 @@ from typing import Any
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import spoken_time
 from service.contract.verdict import seconds_between
-from service.results.board import Board, Snapshot, Stale
+from service.results.asset_table import AssetTable
+from service.results.board import Snapshot, Stale
 from service.runtime.outcomes import Outcome, ResultSink
 from service.runtime.twin_port import Events
 from service.steady_clock import steady_time_ns
@@ -98,14 +99,14 @@ class StalenessWatch:
 
     def __init__(
         self,
-        board: Board,
+        table: AssetTable,
         sink: ResultSink,
         limits: StalenessLimits,
         *,
         clock: Callable[[], int] = steady_time_ns,
     ) -> None:
-        self._board, self._sink, self._limits, self._clock = board, sink, limits, clock
-        self._since = dict.fromkeys(board.assets(), clock())  # when the service first knew of an asset [ns]
+        self._table, self._sink, self._limits, self._clock = table, sink, limits, clock
+        self._since = dict.fromkeys(table.known(), clock())  # when the service first knew of an asset [ns]
         self._retired: dict[str, int] = {}  # when an asset was last seen to be retired [ns]
         self._judged: dict[str, tuple[Mapping[str, Any], ...]] = {}  # alarms that the last evaluation left open
         self._looked = 0
@@ -114,7 +115,7 @@ class StalenessWatch:
 
     def heard(self, asset: str) -> None:
         """A frame of the asset has come, valid or not."""
-        now, snapshot = self._clock(), self._board.get(asset)
+        now, snapshot = self._clock(), self._table.latest(asset)
         window_ns = snapshot.received_ns if snapshot else None
         heard = self._heard.setdefault(asset, _Heard(window_ns=window_ns))
         if heard.first_ns is None or heard.window_ns != window_ns:
@@ -127,8 +128,8 @@ class StalenessWatch:
         if now - before < LOOK_EVERY * NS:
             return
         self._looked = now
-        for asset in self._board.assets():
-            snapshot = self._board.get(asset)
+        for asset in self._table.known():
+            snapshot = self._table.latest(asset)
             if snapshot is None:
                 continue
             found = self._found(now, before, snapshot)
@@ -165,7 +166,7 @@ class StalenessWatch:
         return snapshot.alarms != self._judged.get(snapshot.asset)
 
     def _show(self, asset: str, found: Stale | None) -> None:
-        before = self._board.get(asset)
+        before = self._table.latest(asset)
         events: Events = ()
         if found is not None and (before is None or found != before.stale):
             log.warning("%s: %s", asset, found.reason, extra={"asset": asset})
@@ -181,7 +182,7 @@ class StalenessWatch:
         outcome = Outcome(asset=asset, changed={"stale": found}, events=events, judge=judge)
         self._sink.commit(outcome)
         self._sink.publish(outcome)
-        shown = self._board.get(asset)
+        shown = self._table.latest(asset)
         self._judged[asset] = () if shown is None else shown.alarms
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from service.contract.base import iso_time
-from service.results.board import Board
+from service.results.asset_table import AssetTable
 from service.runtime.state_publication import StatePublication
 from service.runtime.storage_watch import StorageWatch
 from service.steady_clock import later_time_ns
@@ -12,16 +12,14 @@ from service.steady_clock import later_time_ns
 class StorageStatus:
     """Called between frames: shows when the storage fails and when it is back."""
 
-    def __init__(self, storage: StorageWatch, board: Board, publication: StatePublication) -> None:
-        self._storage, self._board, self._publication = storage, board, publication
-        self.unstored: tuple[str, str] | None = None  # why, and since when (ISO 8601)
+    def __init__(self, storage: StorageWatch, table: AssetTable, publication: StatePublication) -> None:
+        self._storage, self._table, self._publication = storage, table, publication
 
     def __call__(self) -> None:
         """Publishes all assets where the storage has failed or is back."""
         reason = self._storage.reason
-        if (reason is None) is (self.unstored is None):
+        if (reason is None) is (self._table.unstored is None):
             return
-        self.unstored = None if reason is None else (reason, iso_time(later_time_ns()))
-        for asset in self._board.assets():
-            self._board.update(asset, unstored=self.unstored)
+        self._table.note_unstored(None if reason is None else (reason, iso_time(later_time_ns())))
+        for asset in self._table.known():
             self._publication.publish(asset)

@@ -15,9 +15,9 @@ from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable, SteppedBack, StorageUnavailable
 from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
-from service.results.asset_rows import AssetRows
+from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board, Stale
+from service.results.board import Stale
 from service.results.job_queue import ALARM, JobQueue
 from service.results.names import Names
 from service.results.sql_store import SqlStore
@@ -71,7 +71,7 @@ class Kept:
     """Where results are kept and shown, and what waits to be carried out."""
 
     store: SqlStore
-    board: Board
+    table: AssetTable
     queue: JobQueue
     windows: WindowJobs
     names: Names
@@ -86,15 +86,11 @@ class Kept:
 
     def told(self, what: str, asset: str) -> None:
         """Takes up what people have written of an asset without a job: that it is there, or what became of an alarm."""
-        last = self.store.last_event_id(asset)
+        self.table.changed(asset)
         if what == ALARM:
             assert self.alarms is not None
-            self.board.update(asset, alarms=self.alarms.open(asset), last_event_id=last)
             self.alarms.changed(asset)
             self.alarms.waiting.set()
-        elif self.board.get(asset) is None:
-            stored = self.store.asset(asset)
-            self.board.update(asset, label=stored.label, rig=stored.rig, last_event_id=last)
 
 
 class Ended(Exception):
@@ -105,7 +101,6 @@ class Worker(threading.Thread):
     """From the connection to the results, until stopped.
 
     on_end   called when the thread ends, for whatever reason
-    shown    called with the assets of which something else is shown
     arrived  called with each window that has been shown, and its stages in the service
     timed    called with what was asked of a twin and how long its parts took [s]
     failure  the exception that ended it; None where it was stopped
@@ -147,8 +142,6 @@ class Worker(threading.Thread):
         self._link_at = 0.0  # when the link is looked at next, on the monotonic clock [s]
         self._cut_off = False  # whether the link was lost at the latest look, or just before
         self._storage, self._look_at = StorageWatch(str(settings.data)), 0.0
-        self._storage_status: StorageStatus | None = None
-        self.shown: Callable[..., object] = lambda *assets: None
         self.on_end: Callable[[], None] = lambda: None
         self.arrived: Arrived = nobody
         self.timed: Callable[[str, Mapping[str, float]], object] = lambda verb, parts: None
@@ -188,10 +181,6 @@ class Worker(threading.Thread):
     def offer(self, topic: str, payload: bytes) -> bool:
         """Puts a frame that did not come over the network into the inbox; False where it had to be left out."""
         return self._inbox.offer(topic, payload)
-
-    def unstored(self) -> tuple[str, str] | None:
-        """Why nothing can be stored at present, and since when (ISO 8601)."""
-        return None if self._storage_status is None else self._storage_status.unstored
 
     def look(self) -> None:
         """Looks now at what people have decided: somebody else has kept it."""
@@ -244,7 +233,7 @@ class Worker(threading.Thread):
 
     def _serve(self, transport: Transport) -> None:
         kept = self._kept
-        publication = StatePublication(transport, kept.board)
+        publication = StatePublication(transport, kept.table)
         with (
             OfferedRigs(transport, kept.unknown).watching() as offered,
             transport.answer_states(publication),
@@ -293,15 +282,14 @@ class Worker(threading.Thread):
     ) -> tuple[Positions, Streams, Callable[[], None]]:
         """All that frames go through, as the last run left it: positions, streams, and what is done between frames."""
         kept, computing = self._kept, self._computing
-        store, board, windows, storage, known = kept.store, kept.board, kept.windows, self._storage, kept.known
+        store, table, windows, storage, known = kept.store, kept.table, kept.windows, self._storage, kept.known
 
         def close(closed: ClosedWindow) -> None:
             closed.journey.received_ns = reception.last_arrival_ns(closed.asset) or 0
             spool.add(closed)
 
-        rows = AssetRows(store.database, board, self.shown)
         reception = self._reception = self._receiving(offered, close)
-        sink = Commits(store, board, publication, windows, signals=self._signals, alarms=kept.alarms, rows=rows)
+        sink = Commits(store, table, publication, windows, signals=self._signals, alarms=kept.alarms)
         lanes = self._lanes = Lanes(
             reception,
             sink,
@@ -316,13 +304,13 @@ class Worker(threading.Thread):
         lanes.forget = windows.forget_waiting
         spool = self._spool = Spool(windows, store, reception, lanes, storage, backlog_limits(self._settings))
         restore(lanes, store, windows, known)
-        watch = StalenessWatch(board, sink, staleness_limits(self._settings))
+        watch = StalenessWatch(table, sink, staleness_limits(self._settings))
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
         streams = self._streams = Streams(kept.names, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
         kept.unknown.begin(
-            lambda stream: board.get(streams.asset_of(stream)) is not None, (*board.assets(), *streams.routed)
+            lambda stream: table.latest(streams.asset_of(stream)) is not None, (*table.known(), *streams.routed)
         )
         positions = self._positions = Positions(
             self._inbox,
@@ -338,7 +326,7 @@ class Worker(threading.Thread):
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
         jobs = kept.queue.jobs
         changes = Changes(
-            jobs, windows, reception, lanes, store, board, publication,
+            jobs, windows, reception, lanes, store, table, publication,
             names=kept.names, streams=streams, intake=intake, spool=spool, baselines=kept.baselines,
             proposals=self._rigs.proposals,
         )  # fmt: skip
@@ -346,8 +334,8 @@ class Worker(threading.Thread):
         questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame
-        storage_status = self._storage_status = StorageStatus(storage, board, publication)
-        backlog = BacklogWatch(lanes, computing, board, publication)
+        storage_status = StorageStatus(storage, table, publication)
+        backlog = BacklogWatch(lanes, computing, table, publication)
 
         def between() -> None:
             self._look_at_link(transport)
@@ -358,7 +346,7 @@ class Worker(threading.Thread):
             for part in (questions, requests, watch):
                 storage.attempt(part)
             if storage.reason is None:  # else what waits is kept first
-                storage.attempt(rows)
+                storage.attempt(table.write_noted)
             requests.tell()
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
@@ -411,7 +399,7 @@ class Worker(threading.Thread):
         storage_status()
         while lanes.stopped:
             asset, reason = lanes.stopped.pop()
-            self._kept.board.update(asset, damaged=Stale(since_ns=later_time_ns(), reason=reason))
+            self._kept.table.note(asset, damaged=Stale(since_ns=later_time_ns(), reason=reason))
             publication.publish(asset)
 
     def _keep_raw(self, frame: Frame) -> None:
@@ -424,12 +412,12 @@ class Worker(threading.Thread):
             storage.worked()
 
     def _is_retired(self, asset: str) -> bool:
-        snapshot = self._kept.board.get(asset)
+        snapshot = self._kept.table.latest(asset)
         return snapshot is not None and snapshot.retired is not None
 
     def _show_quality(self, reception: Reception, asset: str) -> None:
         last_frame_ns = reception.last_arrival_ns(asset)
-        self._kept.board.update(asset, quality=reception.quality(asset), last_frame_ns=last_frame_ns)
+        self._kept.table.note(asset, quality=reception.quality(asset), last_frame_ns=last_frame_ns)
 
 
 def staleness_limits(settings: Settings) -> StalenessLimits:
@@ -470,7 +458,7 @@ def restore(
     for stored in [*known.values()] if known else store.all_assets():
         asset = stored.asset
         entries = [] if windows is None else entries_of(windows, waiting.get(asset, ()))
-        if stored.assembly is None or stored.quality is None:
+        if stored.assembly is None and not stored.has_state:
             lanes.leave(asset, entries)
             continue
         checkpoint = Checkpoint(

@@ -90,7 +90,7 @@ class Interface:
             store.close()
 
     def _app(self, store: SqlStore, folder: Path, access: Access) -> Any:
-        board = fakes.WrittenBoard(store)
+        board = fakes.WrittenTable(store)
         fakes.campaign(store, board, asset="unsw", windows=6)
         fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
         signals = SignalStore(folder / "signals", 2**30)

@@ -193,7 +193,7 @@ def board(request, store, monkeypatch):
         shown = written_board(store)
         as_a_front_end(monkeypatch, store)
     else:
-        shown = fakes.WrittenBoard(store)
+        shown = fakes.WrittenTable(store)
     yield shown
     shown.close()
 
@@ -304,6 +304,6 @@ def _own(url, address):
 def app(tmp_path_factory):
     """The interface to a campaign, called by its name on the plant's network too."""
     with SqlStore(tmp_path_factory.mktemp("attacks") / "twin.sqlite") as store:
-        board = fakes.WrittenBoard(store)
+        board = fakes.WrittenTable(store)
         fakes.campaign(store, board)
         yield create_app(board, store, limits=Limits(hosts=("twin.plant.example",)))

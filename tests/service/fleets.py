@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import sqlalchemy as sa
 from fleet_partition import PartitionProcess
-from service_fakes import WrittenBoard
+from service_fakes import Written
 from service_streams import free_port
 
 from service import api
@@ -96,9 +96,13 @@ def front(database, data, **settings):
         assert not thread.is_alive()
 
 
-def written_board(store):
+class WrittenFleetBoard(Written, FleetBoard):
     """What a front end answers, with what a worker shows written at once."""
-    return WrittenBoard(store, FleetBoard(store, AlarmKeeper(FleetAlarms(store))))
+
+
+def written_board(store):
+    """As a front end's table."""
+    return WrittenFleetBoard(store, AlarmKeeper(FleetAlarms(store)))
 
 
 def as_a_front_end(monkeypatch, store):

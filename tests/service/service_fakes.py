@@ -6,18 +6,20 @@ The curves have the paper's look (156 µm at 6000 revolutions, RMS growing with 
 from __future__ import annotations
 
 import math
+import shutil
+import weakref
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
-from service.results.asset_rows import put
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board, Snapshot
+from service.results.board import Snapshot
 from service.results.data_folder import BASELINES, WAITING
 from service.results.jobs import DECISION, INSPECTION, Job, Jobs
 from service.results.names import Names
@@ -244,7 +246,7 @@ def quality_of(store: SqlStore, asset: str, grade: str, index: int) -> dict:
     return {"windows": windows, "channels": channels, "missing_channels": [], "faults": []}
 
 
-def take(store: SqlStore, board: Board | None, asset: str, index: int, revolutions: float, **changes) -> bool:
+def take(store: SqlStore, board: AssetTable | None, asset: str, index: int, revolutions: float, **changes) -> bool:
     """One window into store and board, as the service does; False where it was there already."""
     grade, faults = changes.pop("quality", "good"), list(changes.pop("faults", ()))
     given = changes.pop("report", None) or report(revolutions, index + 1)
@@ -271,7 +273,7 @@ def take(store: SqlStore, board: Board | None, asset: str, index: int, revolutio
     return True
 
 
-def campaign(store: SqlStore, board: Board | None, asset: str = "unsw", windows: int = 14) -> None:
+def campaign(store: SqlStore, board: AssetTable | None, asset: str = "unsw", windows: int = 14) -> None:
     """A campaign of calibration and measurement windows with one update and one degraded window."""
     rig = {
         "schema": "gear-rig/1",
@@ -316,28 +318,15 @@ def fill(store: SqlStore, data: Path) -> None:
     assert keeper.open("unsw")
 
 
-def add_window(board: Board, asset: str, window, **changes):
-    """Shows one committed window."""
-    before = board.get(asset) or Snapshot(asset=asset, label=asset)
-    return board.put(before, replace(before.with_window(window), **changes).with_whole())
-
-
-class WrittenBoard:
-    """What a worker shows, written at once, and the table from which that is answered."""
-
-    def __init__(self, store, table: AssetTable | None = None) -> None:
-        self._store, self.own = store, Board()
-        self.table = table or AssetTable(store, AlarmKeeper(AlarmStore(store.database)))
-
-    def __getattr__(self, name):
-        return getattr(self.table, name)
+class Written:
+    """A table of assets with what a test shows, written at once."""
 
     def add_window(self, asset: str, window, **changes):
-        return self._written(add_window(self.own, asset, window, **changes))
+        """Shows one committed window."""
+        return self._show((self.latest(asset) or Snapshot(asset=asset, label=asset)).with_window(window), **changes)
 
     def update(self, asset: str, **changes):
         """Shows changes; those of what is kept are kept."""
-        self._written(self.own.update(asset, **changes))
         kept = {
             name: changes[name] for name in ("rig", "report", "question", "retired", "received_ns") if name in changes
         }
@@ -346,12 +335,31 @@ class WrittenBoard:
                 self._store.keep(asset, **kept)
             if "label" in changes and names_of(self._store, asset).label(asset) != changes["label"]:
                 names_of(self._store, asset).rename(asset, changes["label"])
-        return self._written(self.own.get(asset))
+        if "unstored" in changes:
+            self.note_unstored(changes.pop("unstored"))
+        return self._show(self.latest(asset) or Snapshot(asset=asset, label=asset), **changes)
 
-    def _written(self, snapshot):
-        put(_own(self._store, snapshot.asset).database, [snapshot])
-        self.table.changed(snapshot.asset)
-        return snapshot
+    def _show(self, snapshot, **changes):
+        shown = replace(snapshot, **changes).with_whole()
+        self.written(shown, self.write(shown))
+        return shown
+
+
+class WrittenTable(Written, AssetTable):
+    """That of a service which takes in the windows of all assets."""
+
+    def __init__(self, store, alarms=None) -> None:
+        super().__init__(store, alarms or AlarmKeeper(AlarmStore(store.database)), most=None)
+        self.load(store.all_assets())
+
+
+def scratch_table() -> WrittenTable:
+    """A table of assets over a database of its own, which goes with it."""
+    folder = mkdtemp()
+    store = SqlStore(Path(folder) / "twin.sqlite")
+    table = WrittenTable(store)
+    weakref.finalize(table, lambda: (store.close(), shutil.rmtree(folder)))
+    return table
 
 
 def jobs_of(store, asset: str = "unsw") -> Jobs:

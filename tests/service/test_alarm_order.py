@@ -31,14 +31,14 @@ def test_an_alarm_that_escalates_while_it_is_acknowledged_is_shown_escalated(ben
     """The list showed the earlier level, acknowledged, until the next window."""
     bench.window(NEAR)
     (alarm,) = bench.alarms()
-    update = bench.board.update
+    changed = bench.board.changed
 
-    def overtaken(asset, **changes):
+    def overtaken(asset):
         monkeypatch.undo()
         bench.window(WORN)  # committed after the signature, and shown before it
-        return update(asset, **changes)
+        changed(asset)
 
-    monkeypatch.setattr(bench.board, "update", overtaken)
+    monkeypatch.setattr(bench.board, "changed", overtaken)
     assert bench.sign(alarm["id"], "acknowledge").status_code == 200
     assert shown(bench) == stored(bench) == [("alarm", "active_unacknowledged")]
     assert bench.board.get("unsw").last_event_id == bench.store.last_event_id("unsw")
@@ -64,17 +64,17 @@ def test_an_acknowledgement_is_published_once_it_is_shown(bench, monkeypatch):
     """It was published before, as the alarm had been, and not again until the next window."""
     bench.window(NEAR)
     (alarm,) = bench.alarms()
-    update = bench.board.update
+    changed = bench.board.changed
 
     def publish():  # as the service does between frames
         for asset in bench.keeper.changed_by_people():
             bench.publication.publish(asset)
 
-    def looked_at(asset, **changes):
+    def looked_at(asset):
         publish()
-        return update(asset, **changes)
+        changed(asset)
 
-    monkeypatch.setattr(bench.board, "update", looked_at)
+    monkeypatch.setattr(bench.board, "changed", looked_at)
     assert bench.sign(alarm["id"], "acknowledge").status_code == 200
     publish()
     assert published(bench) == shown(bench) == [("watch", "active_acknowledged")]

@@ -24,9 +24,6 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.contract.base import not_available
 from service.results.alarm_store import AlarmStore
-from service.results.asset_rows import AssetRows
-from service.results.asset_table import AssetTable
-from service.results.board import Board
 from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
@@ -51,20 +48,14 @@ class Bench:
 
     def __init__(self, path, rules=DEFAULT_RULES, webhooks=()):
         self.store = SqlStore(path)
-        self.board = Board.from_store(self.store)
         self.keeper = AlarmKeeper(AlarmStore(self.store.database), rules, webhooks)
-        for asset in self.board.assets():
-            self.board.update(asset, alarms=self.keeper.open(asset))
+        self.board = fakes.WrittenTable(self.store, self.keeper)
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
-        self.rows = AssetRows(self.store.database, self.board)
         self.sink = Commits(
-            self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper,
-            rows=self.rows,
-        )  # fmt: skip
-        self.rows()
-        table = AssetTable(self.store, self.keeper)
-        self.client = Client(create_app(table, self.store, alarms=self.keeper, told=self.take_up, live=self.board))
+            self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper
+        )
+        self.client = Client(create_app(self.board, self.store, alarms=self.keeper, told=self.take_up))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 
     def window(self, found=HEALTHY, quality="good", indicators=None, index=None, set_back_s=0):
@@ -80,8 +71,7 @@ class Bench:
 
     def take_up(self, what, asset):
         """The worker takes up what became of an alarm."""
-        last = self.store.last_event_id(asset)
-        self.board.update(asset, alarms=self.keeper.open(asset), last_event_id=last)
+        self.board.changed(asset)
         self.keeper.changed(asset)
 
     def alarms(self, query=""):

@@ -24,7 +24,6 @@ from test_asset_life import (
 from test_other_parts import serving
 
 from service.errors import InputError, StorageUnavailable
-from service.results.board import Board
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.sql_store import SqlStore
@@ -94,19 +93,19 @@ class Fails:
 @pytest.fixture
 def after_the_commit(monkeypatch):
     """The first reading outside a transaction, after a change has been carried out, fails."""
-    fails, done, last = Fails(), Jobs.end, SqlStore.last_event_id
+    fails, done, read = Fails(), Jobs.end, Names.routes
 
     def end(jobs, number, outcome=None):
         fails.armed = not fails.failed
         return done(jobs, number, outcome)
 
-    def last_event_id(store, asset):
-        if store.database._current is None:
+    def routes(names):
+        if names.database._current is None:
             fails()
-        return last(store, asset)
+        return read(names)
 
     monkeypatch.setattr(Jobs, "end", end)
-    monkeypatch.setattr(SqlStore, "last_event_id", last_event_id)
+    monkeypatch.setattr(Names, "routes", routes)
     return fails
 
 
@@ -147,7 +146,7 @@ def test_what_is_kept_and_shown_of_an_asset_is_untouched_by_its_names(each_store
     assert each_store.assets() == ("unsw",)
     after = each_store.asset("unsw"), each_store.windows("unsw"), each_store.events("unsw", 0, 10_000)
     assert after == (replace(before[0], label="press-7"), *before[1:])
-    board = Board.from_store(each_store)
+    board = fakes.WrittenTable(each_store)
     assert board.get("unsw") is board.find("press-7") and board.find("unsw") is None and board.names() == ("press-7",)
     assert board.get("unsw").whole["asset"] == board.get("unsw").summary()["asset"] == "press-7"
     assert board.update("unsw", label="mill") is board.find("mill") and board.find("press-7") is None

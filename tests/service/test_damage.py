@@ -13,7 +13,6 @@ import service_fakes as fakes
 from service.errors import DamageError, StorageUnavailable, StoreError
 from service.results import json_columns
 from service.results.alarm_store import AlarmStore
-from service.results.board import Board
 from service.results.jobs import Jobs
 from service.results.json_columns import dump, load
 from service.results.names import Names
@@ -78,7 +77,7 @@ def test_damaged_window_is_left_out_and_said_and_the_others_are_there(path, colu
 def test_asset_that_cannot_go_on_waits_and_the_others_go_on(path, column, caplog):
     hurt(path, "assets", column, "asset = 'hurt'")
     with SqlStore(path) as store:
-        board = Board.from_store(store)
+        board = fakes.WrittenTable(store)
         assert "hurt" in caplog.text and "damaged" in caplog.text
         damaged = board.get("hurt").damaged
         assert damaged is not None and "of hurt cannot be read from the database any more" in damaged.reason
@@ -140,7 +139,7 @@ def whole(path):
     """All that a database answers, by what it is; None for what is damaged."""
     found = {}
     with SqlStore(path) as store:
-        Board.from_store(store)
+        fakes.WrittenTable(store)
         jobs = Jobs(store.database)
         for asset in store.assets():
             stored = store.asset(asset)

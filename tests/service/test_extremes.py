@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 
 import pytest
+import service_fakes as fakes
 import sqlalchemy as sa
 from test_api import Client
 
 from service.api import create_app
-from service.results.board import Board
 from service.results.extremes import FAN_OUT, KEPT_LEVEL, LEVELS, Bucket, bucket_for, extremes_of
 from service.results.retention import DAY_NS, Retention, delete_old
 from service.results.schema import EXTREMES
@@ -83,7 +83,7 @@ def test_a_spike_is_in_the_trend_that_the_page_draws(store):
     records = [found | {"indicators": None} for found in noise(900)]
     records[777]["rms_measured"] = 50.0
     filled(store, records)
-    board = Board.from_store(store)
+    board = fakes.WrittenTable(store)
     for part in ("trend", "windows"):
         shown = Client(create_app(board, store)).get(f"/v1/assets/unsw/{part}?resolution=100").json()
         assert max(point["rms_measured"] for point in shown) == 50.0 and len(shown) <= 106

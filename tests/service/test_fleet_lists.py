@@ -14,7 +14,6 @@ from test_asset_list import at
 from service.fleet.layout import partition_of
 from service.results.asset_list import Choice
 from service.results.asset_rows import put
-from service.results.board import Board
 from service.results.sql_store import SqlStore
 
 ASSETS = 10_000
@@ -25,9 +24,9 @@ LONGEST = 0.05  # that a page may take here, on a busy machine [s]
 @pytest.fixture
 def board(fleet_store, tmp_path):
     """What a front end shows of ten thousand assets in a hundred areas."""
-    written, shown = Board(), written_board(fleet_store)
+    shown = written_board(fleet_store)
     with SqlStore(tmp_path / "twin.sqlite") as one:
-        patterns = {}
+        written, patterns = fakes.WrittenTable(one), {}
         for number, level in enumerate(dict.fromkeys(LEVELS)):
             fakes.campaign(one, written, f"a{number}")
             fakes.take(one, written, f"a{number}", 20, 18100.0, report=at(level))

@@ -26,13 +26,12 @@ from service.fleet.naming import PartitionStreams
 from service.fleet.notices import announce, channel_of
 from service.results.alarm_store import AlarmStore
 from service.results.baseline_store import BaselineStore
-from service.results.board import Board
 from service.results.job_queue import ALARM, JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.unknown_assets import UnknownAssets
 from service.results.window_jobs import WindowJobs
-from service.runtime.begun import unknown_of
+from service.runtime.begun import declare
 from service.runtime.replay import replay
 from service.runtime.worker import Kept
 from service.settings import Settings
@@ -161,10 +160,10 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
     """Whatever anybody has said on the channel before: one word alone ended the thread that listens."""
     with taken(fleet, OWN) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
-        board, alarms, looked = Board.from_store(store), AlarmKeeper(AlarmStore(store.database)), threading.Event()
+        board, alarms, looked = fakes.WrittenTable(store), AlarmKeeper(AlarmStore(store.database)), threading.Event()
         kept = Kept(
             store=store,
-            board=board,
+            table=board,
             queue=JobQueue(Jobs(store.database)),
             windows=WindowJobs(store.database),
             names=Names(store.database),
@@ -265,9 +264,8 @@ def test_assets_of_the_settings_are_those_of_the_partition_that_has_their_name(t
         for own, partition in ((store, OWN), (other, HASHED)):
             known = PartitionStreams(LAYOUT, partition, "gearbox")
             known.read(own.database)
-            board = Board.from_store(own, own.all_assets())
-            unknown_of(settings, board, Names(own.database), known.refusal)
-            shown[partition] = set(board.names())
+            declare(settings, own, Names(own.database), known.refusal)
+            shown[partition] = set(fakes.WrittenTable(own).names())
         assert shown == {OWN: {NEW}, HASHED: {here}}
 
 

@@ -203,7 +203,7 @@ def test_opc_ua_has_an_object_of_each_asset_and_texts_that_steer_nothing(tmp_pat
         assert event.SourceName == "unsw"
         is_shown([event.Message.Text])
 
-    with opcua_serving(board.own, tmp_path) as (url, _):
+    with opcua_serving(board, tmp_path) as (url, _):
         asked(url, question)
 
 

@@ -22,7 +22,6 @@ from service.contract.status import status_of
 from service.report import rendered
 from service.report import report_of as made_report
 from service.report.text import answer_text
-from service.results.board import Board
 from service.results.window_jobs import WindowJobs
 from service.runtime.commits import Commits
 from service.runtime.outcomes import Outcome
@@ -131,7 +130,7 @@ def outcome(index, found, quality="good"):
 
 
 def test_change_of_level_is_an_event_that_is_committed_with_its_window(store):
-    board = Board()
+    board = fakes.scratch_table()
     sink = Commits(store, board, Quiet(), WindowJobs(store.database))
     for index, found in enumerate([HEALTHY, HEALTHY, TWO_EFFECTS, TWO_EFFECTS, WORN]):
         assert sink.commit(outcome(index, found))

@@ -11,8 +11,11 @@ import service_fakes as fakes
 from sqlalchemy import Engine, event
 from test_api import Client
 
+from service.alarms.keeper import AlarmKeeper
 from service.api import assets, create_app
-from service.results.board import TAIL, Board, has_point, trend_point
+from service.results.alarm_store import AlarmStore
+from service.results.asset_table import AssetTable
+from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare
 from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
@@ -54,11 +57,11 @@ def window(index):
 
 def reads_of_one_more(count):
     """How many reads of records adding one window to `count` costs."""
-    board = Board()
+    board = fakes.scratch_table()
     for index in range(count):
-        fakes.add_window(board, "unsw", window(index))
+        board.add_window("unsw", window(index))
     before = Counted.reads
-    fakes.add_window(board, "unsw", window(count))
+    board.add_window("unsw", window(count))
     board.update("unsw", quality={})
     return Counted.reads - before
 
@@ -71,7 +74,7 @@ def test_adding_a_window_reads_as_many_records_after_a_thousand_windows_as_after
 def history(tmp_path_factory):
     """A store with a long history, and the board that has shown it all."""
     with SqlStore(tmp_path_factory.mktemp("history") / "twin.sqlite") as store:
-        board = fakes.WrittenBoard(store)
+        board = fakes.WrittenTable(store)
         for index in range(LONG):
             fakes.take(store, board, "unsw", index, 10.0 * index, updated=index % 7 == 3,
                        faults=(fakes.FAULT,) if index % 5 == 0 else ())  # fmt: skip
@@ -128,9 +131,10 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
         if "COUNT(" in sql.upper():
             read.append(sql)
 
+    alarms = AlarmKeeper(AlarmStore(store.database))
     event.listen(Engine, "before_cursor_execute", count)
     try:
-        again = Board.from_store(store)
+        again = fakes.WrittenTable(store, alarms)
         pipeline = Pipeline(lambda asset: Rig.from_mapping({}), Twin(step=None, new_state=dict, load_state=dict), None)
         restore(pipeline.lanes, store, known={s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()})
     finally:
@@ -153,7 +157,8 @@ def statements_of_a_start(folder, assets):
         event.listen(Engine, "before_cursor_execute", count)
         try:
             known = {stored.asset: stored for stored in store.all_assets()}
-            board = Board.from_store(store, known.values())
+            board = AssetTable(store, AlarmKeeper(AlarmStore(store.database)), most=None)
+            board.load(known.values())
             rigs = Rigs(store, board, GivenRigs())
             rig_of = partial(rigs.of, offered=None)
             twin = Twin(step=None, new_state=dict, load_state=dict)

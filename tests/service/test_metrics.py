@@ -68,7 +68,7 @@ def test_service_that_has_run_exports_all_of_the_catalogue_and_nothing_else(tmp_
 
 
 def test_figure_that_is_not_in_the_catalogue_cannot_be_exported(store, board):
-    collector = AssetCollector(board.own, fakes.jobs_of(store), lambda: {"invented": 1.0}, 10)
+    collector = AssetCollector(board, fakes.jobs_of(store), lambda: {"invented": 1.0}, 10)
     with pytest.raises(KeyError, match="invented"):
         list(collector.collect())
 
@@ -85,7 +85,7 @@ def test_assets_beyond_the_bound_are_counted_together_and_those_within_it_keep_t
     for number in range(5):
         fakes.take(store, board, f"m{number}", 0, 100.0)
     lag = {f"m{number}": float(number) for number in range(5)}
-    collector = AssetCollector(board.own, fakes.jobs_of(store), lambda: {"lag_seconds": lag}, 2)
+    collector = AssetCollector(board, fakes.jobs_of(store), lambda: {"lag_seconds": lag}, 2)
 
     def samples():
         return {(s.name, *s.labels.values()): s.value for family in collector.collect() for s in family.samples}
@@ -106,7 +106,7 @@ def test_scrape_is_one_query_however_many_assets_there_are(store, board):
         fakes.take(store, board, f"m{number}", 0, 100.0)
     asked = []
     store.database.took = lambda what, seconds: asked.append(what)
-    list(AssetCollector(board.own, fakes.jobs_of(store), dict, 10).collect())
+    list(AssetCollector(board, fakes.jobs_of(store), dict, 10).collect())
     assert asked == ["read"]
 
 
@@ -114,7 +114,7 @@ def test_scrape_is_answered_while_the_storage_cannot_be_used(store, board, monke
     fakes.take(store, board, "unsw", 0, 100.0)
     fakes.decide(store, "unsw", "misalignment", "pin")
     fakes.carry_out(store, fakes.jobs_of(store).pending()[0], state={}, report=board.get("unsw").report, events=[])
-    collector = AssetCollector(board.own, fakes.jobs_of(store), dict, 10)
+    collector = AssetCollector(board, fakes.jobs_of(store), dict, 10)
     before = [family.samples for family in collector.collect()]
 
     def unavailable(jobs):
@@ -158,7 +158,7 @@ def test_what_is_exported_of_an_asset_does_not_grow_with_its_history(store, boar
     sizes = []
     for index in range(30):
         fakes.take(store, board, "unsw", index, 100.0 * (index + 1))
-        collector = AssetCollector(board.own, fakes.jobs_of(store), dict, 10)
+        collector = AssetCollector(board, fakes.jobs_of(store), dict, 10)
         sizes.append(sum(len(family.samples) for family in collector.collect()))
     assert len(set(sizes[1:])) == 1, sizes
 
@@ -167,7 +167,7 @@ def test_what_is_exported_of_an_asset_does_not_grow_with_its_history(store, boar
 def test_scrape_of_200_assets_takes_little_of_the_processor_and_leaves_the_event_loop_free(store, board):
     for number in range(200):
         fakes.take(store, board, f"m{number:03d}", 0, 100.0, faults=(fakes.FAULT,))
-    found, times, waits = registry(board.own, fakes.jobs_of(store), dict, 500), [], []
+    found, times, waits = registry(board, fakes.jobs_of(store), dict, 500), [], []
 
     def scrape():
         for _ in range(5):

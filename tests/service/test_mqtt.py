@@ -27,7 +27,6 @@ from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
 from service.contract import plant
 from service.errors import InputError
-from service.results.board import Board
 from service.runtime.bridging import bridges_of
 from service.runtime.replay import replay
 from service.settings import Settings
@@ -127,7 +126,7 @@ def test_what_cannot_be_computed_is_published_with_its_reason(tmp_path, store, b
 
 def test_preliminary_figures_say_so():
     wear = {"max_depth_um": {"combined": fakes.band(20.0, 0.5)}, "preliminary": {"reasons": ["Too few windows."]}}
-    board = Board()
+    board = fakes.scratch_table()
     board.update("unsw", report={**fakes.report(100.0, 1), "wear": wear})
     whole = board.get("unsw").whole
     result = valid(plant.plant_result(whole, None, (), "2026-01-01T00:00:00.000000000Z"))
@@ -175,7 +174,7 @@ def test_broker_that_is_away_at_start_and_again_later_gets_the_latest_state_and_
             raise_alarm(store, board, verb="cleared")
             begun = time.monotonic()
             for index in range(1000):
-                board.own.update("unsw", last_frame_ns=index)
+                board.update("unsw", last_frame_ns=index)
             assert time.monotonic() - begun < 5.0  # nothing waits for the broker
             broker.start()
             with reading(broker.port) as reader:
@@ -199,7 +198,7 @@ def test_kept_position_publishes_changes_that_a_killed_service_left(tmp_path, st
             wait_until(lambda: bridge.figures()["mqtt_messages"] > 0)
         wait_until(lambda: KeptNumbers(tmp_path / "bridges" / "mqtt.json").section("events"))
         raise_alarm(store, board)
-        with reading(broker.port) as reader, bridged(settings, Board.from_store(store), store):
+        with reading(broker.port) as reader, bridged(settings, fakes.WrittenTable(store), store):
             wait_until(lambda: reader.payloads("gear-twin/unsw/alarm"))
 
 
@@ -239,7 +238,7 @@ def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_publ
     fakes.take(store, board, "new", 0, 100.0)
     raise_alarm(store, board, "new")
     if again:
-        shown, kept = Board.from_store(store), KeptNumbers(tmp_path / "bridges" / "mqtt.json")
+        shown, kept = fakes.WrittenTable(store), KeptNumbers(tmp_path / "bridges" / "mqtt.json")
         bridge = mqtt.MqttBridge(settings, shown, store, kept)
     sent = []
 
@@ -261,15 +260,17 @@ def test_assets_that_are_renamed_while_the_broker_is_away_have_every_change_publ
 @pytest.mark.slow
 def test_service_that_is_lost_is_announced_by_the_broker(tmp_path, store, board):
     code = f"""
+import sys
 import threading
 from pathlib import Path
+sys.path.append({str(Path(__file__).parent)!r})
 from service.bridges.bridge import BridgeThread
 from service.bridges.kept import KeptNumbers
 from service.bridges.mqtt import MqttBridge
-from service.results.board import Board
+from service_fakes import scratch_table
 from service.settings import Settings
 data = Path({str(tmp_path)!r})
-bridge = MqttBridge(Settings(mqtt={{url!r}}, data=data), Board(), None, KeptNumbers(data / "mqtt.json"))
+bridge = MqttBridge(Settings(mqtt={{url!r}}, data=data), scratch_table(), None, KeptNumbers(data / "mqtt.json"))
 BridgeThread(bridge).start()
 threading.Event().wait(30)
 """
@@ -402,7 +403,7 @@ def test_thread_of_a_bridge_says_each_cause_once_and_counts_all(caplog):
 
 
 def test_changes_of_assets_are_held_once_each_and_never_wait():
-    board = Board()
+    board = fakes.scratch_table()
     board.update("first")
     with board.follow() as changes:
         assert changes.take(0) == ("first",)

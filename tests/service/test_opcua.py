@@ -27,7 +27,7 @@ from service.bridges.opcua import NAMESPACE, OpcUaBridge
 from service.bridges.readings import UNITS, VARIABLES, readings_of
 from service.contract.plant import plant_result
 from service.errors import InputError
-from service.results.board import Board, Stale
+from service.results.board import Stale
 from service.runtime.bridging import bridges_of
 from service.settings import Settings
 
@@ -88,7 +88,7 @@ async def connected(url, user=None, password=None, security=None):
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
     """A server whose board every test gives assets of its own."""
-    board = Board()
+    board = fakes.scratch_table()
     with serving(board, tmp_path_factory.mktemp("data")) as (url, thread):
         yield board, url, thread
 
@@ -254,7 +254,7 @@ def test_limit_that_is_set_anew_ends_the_range_anew(plant):
 def test_port_that_is_taken_is_said_and_tried_again(plant, tmp_path, caplog):
     _, url, _ = plant
     settings = Settings(opcua=url, data=tmp_path)
-    thread = BridgeThread(OpcUaBridge(settings, Board(), Access()), first_pause=0.05)
+    thread = BridgeThread(OpcUaBridge(settings, fakes.scratch_table(), Access()), first_pause=0.05)
     thread.start()
     wait_until(lambda: thread.figures()["opcua_failures"] >= 1)
     thread.end()
@@ -270,7 +270,7 @@ def certificate(folder, name, use):
 
 @pytest.mark.slow
 def test_encrypted_server_lets_in_trusted_clients_with_a_key_and_nobody_else(tmp_path):
-    board = Board()
+    board = fakes.scratch_table()
     show(board, "unsw")
     own, own_key = certificate(tmp_path, "gear-twin", ExtendedKeyUsageOID.SERVER_AUTH)
     reader = certificate(tmp_path, "reader", ExtendedKeyUsageOID.CLIENT_AUTH)
@@ -323,7 +323,7 @@ def test_server_that_nothing_protects_or_whose_files_cannot_be_used_is_refused_a
         own, key = certificate(tmp_path, "gear-twin", ExtendedKeyUsageOID.SERVER_AUTH)
         given = {"opcua_certificate": own, "opcua_key": key, **given}
     with pytest.raises(InputError, match=said):
-        bridges_of(Settings(**given), Board(), None, lambda topic, payload: True, access)
+        bridges_of(Settings(**given), fakes.scratch_table(), None, lambda topic, payload: True, access)
 
 
 @pytest.mark.parametrize("url", ["127.0.0.1:4840", "http://127.0.0.1:4840", "opc.tcp://127.0.0.1", "opc.tcp://a:b@c:1"])
@@ -333,7 +333,7 @@ def test_address_that_is_none_of_opc_ua_is_refused(url):
 
 
 def test_every_variable_has_a_reading_and_every_unit_is_known():
-    board = Board()
+    board = fakes.scratch_table()
     show(board, "unsw")
     now = datetime.now(UTC)
     found = readings_of(plant_result(board.get("unsw").whole, None, (), "now"), (), now)

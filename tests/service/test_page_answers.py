@@ -8,8 +8,6 @@ import httpx
 import pytest
 import service_fakes as fakes
 
-from service.results.board import Board
-
 PAGE_LIMIT = 1_500_000  # of the whole page on the wire [bytes]
 
 
@@ -60,7 +58,7 @@ def test_summary_has_what_a_row_of_the_list_shows_also_after_a_restart(address, 
     assert course["values"] == sorted(course["values"]) and course["values"][-1] == pytest.approx(
         row["depth_um"]["median"]
     )
-    assert Board.from_store(store).get("unsw").summary()["sparkline"] == course
+    assert fakes.WrittenTable(store).get("unsw").summary()["sparkline"] == course
 
 
 def test_summary_of_a_machine_without_a_model_shows_its_level(address, store, board):

@@ -41,7 +41,7 @@ def plant(tmp_path_factory):
     """The address of a service with a machine of each kind, with kept signals and alarms."""
     folder = tmp_path_factory.mktemp("plant")
     with SqlStore(folder / "twin.sqlite") as store:
-        board, kept = fakes.WrittenBoard(store), SignalStore(folder / "signals", 2**30)
+        board, kept = fakes.WrittenTable(store), SignalStore(folder / "signals", 2**30)
         alarms = AlarmKeeper(AlarmStore(store.database))
         for kind in KINDS:
             show_machine(store, board, kind)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import fake_twin
 import pytest
+import service_fakes as fakes
 from mcap.reader import make_reader
 from service_streams import Service, wait_until, write_recording
 from streams import ASSET, bursts, content, unbroken
@@ -20,7 +21,6 @@ from streams import ASSET, bursts, content, unbroken
 from service.cli import run
 from service.errors import InputError
 from service.json_text import plain
-from service.results.board import Board
 from service.results.raw_recordings import RawLimits, RawRecordings, kept_in
 from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
@@ -134,7 +134,7 @@ def test_frames_after_a_change_of_the_rig_file_are_in_another_recording_that_hol
 
 
 def test_the_text_of_a_rig_file_is_written_once_for_as_long_as_it_holds():
-    board = Board()
+    board = fakes.scratch_table()
     text_of = rig_texts(board)
     assert text_of(ASSET) is None
     board.update(ASSET, rig={"name": "before"})

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import fake_twin
 import pytest
+import service_fakes as fakes
 from service_streams import Service, wait_until, write_recording
 from streams import ASSET, bursts
 
@@ -18,7 +19,6 @@ from service.errors import StoreError
 from service.fleet.assess_task import Work, assess_one
 from service.json_text import plain
 from service.operation.health import Health
-from service.results.board import Board
 from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawLimits, RawRecordings
 from service.results.raw_segments import SegmentSender
@@ -169,7 +169,7 @@ def test_a_url_of_no_object_store_is_refused(capsys, monkeypatch):
 
 def test_the_settings_make_a_recorder_whose_recordings_are_moved(tmp_path):
     settings = Settings(data=tmp_path / "data", raw_url=f"file://{tmp_path}/store", raw_spare_gb=0)
-    with recording_raw(settings, Board(), Health(60.0)) as recorder:
+    with recording_raw(settings, fakes.scratch_table(), Health(60.0)) as recorder:
         for frame in bursts(1):
             recorder.offer(frame)
         wait_until(lambda: recorder.figures()["raw_frames_recorded"] == len(bursts(1)), 10.0)

@@ -124,7 +124,7 @@ def test_rig_file_that_is_offered_for_a_stream_is_a_proposal_for_its_renamed_ass
     with begun(tmp_path, new_assets="ask") as running:
         running.store.note("unsw", [])
         rename(running.store, "unsw", "press-7")
-        running.board.update("unsw")
+        running.table.changed("unsw")
         assert running.rigs.of("unsw", offered).name == "unnamed"
         assert running.store.asset("unsw").rig is None
         assert running.rigs.proposals.find("unsw").rig == {"name": "of the stream"}

@@ -261,7 +261,7 @@ def test_every_slow_kind_can_be_an_input(tmp_path):
 def connected(broker, tmp_path, store, board, inputs):
     settings = Settings(mqtt=broker.url, data=tmp_path)
     thread = BridgeThread(
-        MqttBridge(settings, board.own, store, KeptNumbers(tmp_path / "k.json"), inputs), first_pause=0.05
+        MqttBridge(settings, board, store, KeptNumbers(tmp_path / "k.json"), inputs), first_pause=0.05
     )
     inputs.start()
     thread.start()

@@ -11,7 +11,6 @@ from service.alarms.rules import DEFAULT_RULES, Rule
 from service.api import create_app
 from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
-from service.results.asset_rows import AssetRows
 from service.results.window_jobs import WindowJobs
 from service.runtime.commits import Commits
 from service.runtime.staleness import NS, StalenessLimits, StalenessWatch, silent, usual_pause
@@ -23,9 +22,8 @@ BEGIN = fakes.START_NS  # when the first window of the fakes was committed
 
 def watch_of(store, board, published, limits, clock, alarms=None):
     """The watch over a board as it is written into the tables."""
-    rows = AssetRows(store.database, board.own)
-    sink = Commits(store, board.own, published, WindowJobs(store.database), alarms=alarms, rows=rows)
-    return StalenessWatch(board.own, sink, limits, clock=clock)
+    sink = Commits(store, board, published, WindowJobs(store.database), alarms=alarms)
+    return StalenessWatch(board, sink, limits, clock=clock)
 
 
 class Published(list):

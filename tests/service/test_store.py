@@ -15,7 +15,6 @@ import pytest
 import service_fakes as fakes
 
 from service.errors import StorageUnavailable, StoreError
-from service.results.board import Board
 from service.results.sql_store import SqlStore
 
 ROOT = Path(__file__).parents[2]
@@ -101,10 +100,10 @@ def test_file_that_is_no_database_is_refused_by_name(tmp_path):
         SqlStore(path)
 
 
-def test_board_from_the_store_equals_the_board_that_was_published(store):
-    board = Board()
+def test_assets_from_the_store_equal_those_that_were_published(store):
+    board = fakes.WrittenTable(store)
     fakes.campaign(store, board)
-    again = Board.from_store(store)
+    again = fakes.WrittenTable(store)
     assert again.assets() == board.assets()
     assert again.get("unsw") == board.get("unsw")
 

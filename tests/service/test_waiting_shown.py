@@ -11,7 +11,7 @@ import service_fakes as fakes
 
 from service.contract.answer import assemble
 from service.contract.status import Backlog, data_of
-from service.results.board import Board, Waiting
+from service.results.board import Waiting
 from service.runtime.backlog_watch import BacklogWatch, waiting_of
 from service.runtime.computing import Ask, Call, Inline, Made
 from service.runtime.computing_threads import Threads
@@ -73,7 +73,7 @@ def test_what_waits_is_what_can_be_assessed_and_has_waited(given, at_work, expec
 
 
 def test_board_shows_what_waits_and_that_it_no_longer_does():
-    board, published, now = Board(), [], [0.0]
+    board, published, now = fakes.scratch_table(), [], [0.0]
     board.update("fan", quality={})
     board.update("pump-3", quality={})
     waiting = lane()

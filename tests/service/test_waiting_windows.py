@@ -8,7 +8,6 @@ import pytest
 import service_fakes as fakes
 
 from service.errors import StorageUnavailable
-from service.results.board import Board
 from service.results.window_jobs import WindowJobs
 from service.runtime.commits import Commits
 from service.runtime.outcomes import Outcome
@@ -29,7 +28,7 @@ def sink(store, board):
     """Where outcomes of an asset go that has had one window."""
     fakes.take(store, board, "unsw", 0, 10.0)
     publication = SimpleNamespace(publish=lambda asset: None)
-    return Commits(store, board.own, publication, WindowJobs(store.database), clock=lambda: LATER)
+    return Commits(store, board, publication, WindowJobs(store.database), clock=lambda: LATER)
 
 
 def given(sink, outcome):
@@ -49,13 +48,13 @@ def test_a_question_is_told_once_where_the_storage_fails_meanwhile(sink, store, 
             given(sink, outcome)
     given(sink, outcome)
     told = [event.kind for event in store.events("unsw", 0) if event.kind in ("question", "status")]
-    assert told == ["question", "status"] and board.own.get("unsw").last_event_id == store.last_event_id("unsw")
+    assert told == ["question", "status"] and board.latest("unsw").last_event_id == store.last_event_id("unsw")
 
 
 def test_windows_that_wait_keep_an_asset_from_being_stale_after_a_restart_too(sink, store, board):
     before = store.asset("unsw")
     given(sink, HELD)
-    restarted, limits = Board.from_store(store), StalenessLimits(silent=3600.0, fruitless=120.0)
+    restarted, limits = fakes.WrittenTable(store), StalenessLimits(silent=3600.0, fruitless=120.0)
     stored = store.asset("unsw")
     assert (stored.received_ns, stored.windows, stored.damaged) == (LATER, before.windows, None)
     StalenessWatch(restarted, sink, limits, clock=lambda: LATER + 3000 * NS)()

@@ -41,7 +41,7 @@ def assess_into(store, board):
 def client(tmp_path_factory):
     """A service's answers over a store with the short campaign in it."""
     with SqlStore(tmp_path_factory.mktemp("store") / "gear-twin.sqlite") as store:
-        board = fakes.WrittenBoard(store)
+        board = fakes.WrittenTable(store)
         assess_into(store, board)
         yield Client(create_app(board, store))
 
