@@ -90,7 +90,7 @@ class Made:
     window   the window as it was used; without its signals where its frames were read from a file
     encoders counts of the encoders by its end; None where it was not made, or not to be used
     found    faults that its making has found, by channel and kind
-    signals  whether it has any
+    signals  whether it has any, as far as is known
     unreadable  why the state could not be read, so that nothing was made
     handed_back  whether nothing was made, since a search for effects is due
     parts    how long it took: `total`, and the parts of the step that the twin names [s]
@@ -103,7 +103,7 @@ class Made:
     window: Window | None = None
     encoders: EncoderCounts | None = None
     found: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    signals: bool = False
+    signals: bool = True
     unreadable: str | None = None
     handed_back: bool = False
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -239,7 +239,7 @@ def _unreadable(given: WindowToUse, error: Exception) -> Made:
     reason = f"the file in which this window was kept cannot be read: {type(error).__name__}: {error}"
     fault = Fault(kind=UNREADABLE, channel="all", count=1, action="refused", detail=reason)
     window = Window(start_time_ns=given.start_ns, faults=(fault,), quality="refused")
-    return Made(window=window, refused=reason)
+    return Made(window=window, refused=reason, signals=False)
 
 
 def _asked(method: str) -> Callable[[Call], Made]:

@@ -175,7 +175,7 @@ class Lanes:
         if entry is None:
             return False
         window = as_left_out(entry)
-        made = Made(window=window, refused=window.faults[-1].detail)
+        made = Made(window=window, refused=window.faults[-1].detail, signals=False)
         try:
             self._commit(lane, entry, made, shed=True)
         except StorageUnavailable as error:
