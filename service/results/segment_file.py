@@ -29,7 +29,7 @@ from twin.windows import Fault, SlowValue
 
 SUFFIX = ".mcap"
 ABOUT = JsonTopic(name="segment", schema_name="gear-twin.segment", schema={"type": "object"})
-CHUNK_BYTES = 2**24  # most windows are one chunk; more at a time would be held twice in memory
+CHUNK_BYTES = 2**23  # most windows are one chunk: more at a time would be held twice, and no chunk has too many records
 
 
 def write_segment(path: Path, segment: Segment) -> int:

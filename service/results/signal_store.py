@@ -16,8 +16,8 @@ from pathlib import Path
 
 from service.errors import StoreError
 from service.results.segment_file import SUFFIX
-from service.results.signal_reading import KeptFile, KeptSignals, asset_of_folder, entry_of, folder_in
-from service.results.signal_thinning import KeptWindow, given_up
+from service.results.signal_reading import KeptFile, KeptSignals, asset_of_folder, entry_of, folder_in, found_in
+from service.results.signal_thinning import given_up
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ class SignalStore(KeptSignals):
         """limit  bytes that one asset may take; 0 keeps nothing"""
         self.folder, self.limit = Path(folder), limit
         self._lock = threading.Lock()
-        self._kept: dict[str, dict[int, tuple[KeptWindow, Path]]] = {}
+        self._kept: dict[str, dict[int, KeptFile]] = {}
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             for asset in sorted(p for p in self.folder.iterdir() if p.is_dir()):
@@ -82,17 +82,11 @@ class SignalStore(KeptSignals):
             return dict(self._kept.get(asset, {}))
 
 
-def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:
+def _opened(folder: Path) -> dict[int, KeptFile]:
     """What a folder holds; all files but the latest of one number are deleted."""
-    found: dict[int, tuple[KeptWindow, Path]] = {}
-    for path in sorted(folder.iterdir()):
-        entry = entry_of(path, path.stat().st_size)
-        if entry is None:
-            continue
-        other = found.get(entry.number)
-        if other is not None:
-            older, path = sorted((other[1], path), key=lambda p: p.stat().st_mtime_ns)
-            older.unlink()
-            entry = entry_of(path, path.stat().st_size) or entry
-        found[entry.number] = entry, path
+    found = found_in(folder)
+    for path in folder.glob(f"*{SUFFIX}"):
+        entry = entry_of(path, 0)
+        if entry is not None and found[entry.number][1] != path:
+            path.unlink(missing_ok=True)
     return found

@@ -265,7 +265,7 @@ WRITES = """
 import sys, numpy as np
 from pathlib import Path
 from service.results.signal_store import SignalStore
-from tests.service.test_signal_store import keep, window
+from test_signal_store import keep, window
 store = SignalStore(Path(sys.argv[1]), 2**30)
 for n in range(10_000):
     keep(store, "unsw", n, window(n, 40_000))
@@ -277,7 +277,7 @@ for n in range(10_000):
 def test_a_killed_process_leaves_whole_windows_only(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", WRITES, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))},
     )  # fmt: skip
     assert process.stdout is not None
     for line in process.stdout:
