@@ -65,7 +65,7 @@ def measured(assets: int, channels: int, rate: float, seconds: float) -> Cost:
     closed: list[int] = []
 
     def close(window: ClosedWindow) -> None:
-        closed.append(window.window.start_time_ns)
+        closed.append(window.segment.start_ns)
 
     reception = Reception(lambda asset: Rig.from_mapping({}), close, assembly=AssemblySettings(clocked=True))
     now = [0.0]

@@ -33,9 +33,14 @@ from service.api import create_app
 from service.contract.base import iso_time
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
+from service.results.segment_file import write_segment
 from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
-from twin.windows import Samples, Window
+from service.stream.frames import SampleFrame
+from service.stream.pieces import Piece
+from service.stream.samples import Span
+from service.stream.segment import Segment
+from service.stream.wire.topics import Channel
 
 CHROMIUM = os.environ.get("GEAR_TWIN_CHROMIUM", "/usr/bin/chromium")
 START_NS = 1_700_000_000_000_000_000
@@ -109,9 +114,16 @@ def keep_signals(kept: SignalStore, asset: str, windows: int) -> None:
     t, random = np.arange(int(RATE * SECONDS)) / RATE, np.random.default_rng(1)
     mesh = sum(np.cos(2 * np.pi * 285 * k * t + k) / k for k in range(1, 12))
     for index in range(windows - KEPT, windows):
-        accel = Samples(rate=RATE, start=0.0, values=mesh + 0.1 * random.standard_normal(t.size))
-        window = Window(start_time_ns=START_NS + index * STEP_NS, accelerations={"y6": accel})
-        kept.keep(asset, index, window, revolutions=600.0 * index)
+        frame = SampleFrame(
+            channel=Channel(asset, "accel", "y6"),
+            start_time_ns=START_NS + index * STEP_NS,
+            sequence=index,
+            sample_rate=RATE,
+            values=(mesh + 0.1 * random.standard_normal(t.size)).astype(np.float32),
+        )
+        span, file = Span(frame.start_time_ns, frame.end_time_ns), kept.folder / "new.mcap"
+        write_segment(file, Segment(span=span, pieces={"accel/y6": [Piece(frame, 0, t.size)]}))
+        kept.keep(asset, index, file, frame.start_time_ns, revolutions=600.0 * index)
 
 
 @contextmanager

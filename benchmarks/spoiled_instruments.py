@@ -20,12 +20,12 @@ import numpy as np
 
 from benchmarks.scoring import windows_of
 from service.contract.estimate import step
-from service.files.rig import window_of_rig
 from service.stream.channels import kind_of
 from service.stream.faults import grade_of
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece
 from service.stream.samples import Span, lay_samples
+from service.stream.window import by_sound_instruments
 from service.stream.wire.topics import Channel
 from tests.instrument_faults import KINDS, Spoil
 from twin.effects import EFFECTS
@@ -66,7 +66,9 @@ def laid(rig: Rig, window: Window) -> Window:
         if found is not None:
             accelerations[name] = found
     every = (*window.faults, *faults)
-    return window_of_rig(rig, replace(window, accelerations=accelerations, faults=every, quality=grade_of(every)))
+    return by_sound_instruments(
+        rig, replace(window, accelerations=accelerations, faults=every, quality=grade_of(every))
+    )
 
 
 def said(rig: Rig, windows: Sequence[Window]) -> tuple[list[str], str, set[str]]:

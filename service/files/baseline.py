@@ -23,10 +23,11 @@ from service.contract.base import not_available
 from service.contract.parts import json_of
 from service.errors import InputError
 from service.files.recorded_rig import choose_asset, rig_of
-from service.files.rig import assembly_for, checked_rig, window_of_rig
+from service.files.rig import assembly_for, checked_rig
 from service.json_text import plain
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording, read_windows
+from service.stream.window import by_sound_instruments
 from service.stream.wire.topics import PREFIX
 from twin import assessment
 from twin.baseline.comparison import (
@@ -102,7 +103,7 @@ def load(
         raise InputError(f"{path}: a baseline needs the tooth counts of the pair: {error}") from None
     windows, refused, untracked = [], [], []
     for i, window in enumerate(read_windows(path, assembly_for(rig, assembly), prefix)[2]):
-        own, window = f"{name or path.stem}#{i}", window_of_rig(rig, window)
+        own, window = f"{name or path.stem}#{i}", by_sound_instruments(rig, window)
         try:
             windows.append(tracked(rig, window, own, shafts))
         except TwinError as error:

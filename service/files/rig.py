@@ -11,10 +11,8 @@ from typing import Any
 from service.errors import InputError
 from service.files.documents import load_document
 from service.stream.assembly import AssemblySettings
-from service.stream.faults import grade_of
 from twin.errors import ParameterError
 from twin.rig import Rig
-from twin.windows import Fault, Window
 
 PERIODS, CUT = 4, 2  # common periods of the shafts that a baseline needs, and turns of the pinion cut at the ends
 LONGEST = 120.0  # of a window of a slow machine [s]
@@ -59,26 +57,3 @@ def assembly_for(rig: Rig, base: AssemblySettings) -> AssemblySettings:
         return own
     common = Fraction(*rig.teeth).denominator  # pinion turns after which the same teeth meet
     return replace(own, length=min(max(base.length, (PERIODS * common + CUT) / speed), max(LONGEST, base.length)))
-
-
-def window_of_rig(rig: Rig, window: Window) -> Window:
-    """The window as sound instruments would have shown it, graded anew where a fault of one was found.
-
-    Adds a fault for every encoder whose frames have another number of edges than the rig file.
-    """
-    from twin.instruments import examined  # loads the twin, which only those do who compute
-
-    sound = examined(rig, window)
-    found: list[Fault] = []
-    for shaft, edges in window.encoders.items():
-        key = f"encoders.{shaft}_edges_per_rev"
-        stated = rig.get(key)
-        if stated is not None and edges.per_rev != stated:
-            detail = f"frames with {edges.per_rev} edges a turn; the rig file's {key} is {stated:g}"
-            found.append(
-                Fault(kind="edges_per_rev", channel=f"encoder/{shaft}", count=1, action="degraded", detail=detail)
-            )
-    if sound is window and not found:
-        return window
-    faults = (*sound.faults, *found)
-    return replace(sound, faults=faults, quality=grade_of(faults))

@@ -56,6 +56,9 @@ class FleetStore(SqlStore):
     ) -> tuple[StoredWindow, ...]:
         return self.stores.of(asset).windows(asset, after, limit, every, epoch)
 
+    def before(self, asset: str, start_ns: int) -> Mapping[str, Any]:
+        return self.stores.of(asset).before(asset, start_ns)
+
     def outline(self, asset: str, most: int, after: int = -1, epoch: int | None = None) -> tuple[StoredWindow, ...]:
         return self.stores.of(asset).outline(asset, most, after, epoch)
 

@@ -34,7 +34,6 @@ from service.results.migrate import present, upgrade
 from service.results.schema import REVISION
 from service.results.storage_faults import storage_error
 from service.results.table_copy import copy_rows, count_rows
-from service.results.window_file import SUFFIX
 
 FORMAT = 1
 MANIFEST = "manifest.json"
@@ -160,8 +159,8 @@ def _named(copy: Path) -> dict[str, list[str]]:
     """The files that a database refers to, by folder."""
     with closing(sqlite3.connect(copy)) as db:
         tables = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        windows = db.execute("SELECT id FROM jobs WHERE kind = 'window'") if "jobs" in tables else ()
-        waiting = [f"{n:08d}{SUFFIX}" for (n,) in windows]
+        windows = db.execute("SELECT file FROM jobs WHERE kind = 'window'") if "jobs" in tables else ()
+        waiting = [name for (name,) in windows]
         own = [name for (name,) in db.execute("SELECT file FROM baselines")] if "baselines" in tables else []
     return {WAITING: waiting, BASELINES: own}
 

@@ -36,7 +36,7 @@ def learn_from_windows(
         raise InputError(f"no rig file is known for {asset}: a baseline needs the tooth counts of its gears")
     earlier = None if before is None else _still_valid(read_baseline(before), asset, store)
     demand_present(asset, indices, jobs)
-    windows = []
+    machine, windows = checked_rig(rig, f"rig of {asset}"), []
     for index in sorted(set(indices)):
         (found,) = store.windows(asset, index - 1, 1) or (None,)
         if found is None or found.record["index"] != index:
@@ -46,10 +46,10 @@ def learn_from_windows(
                 f"window {index} is {found.record.get('quality')}: a baseline is learned from sound windows"
             )
         try:
-            windows.append((f"{asset}#{index}", signals.window(asset, index)))
+            windows.append((f"{asset}#{index}", signals.window(asset, index, machine, store)))
         except NotKept as error:
             raise InputError(str(error)) from None
-    return learned_from(checked_rig(rig, f"rig of {asset}"), windows, earlier)
+    return learned_from(machine, windows, earlier)
 
 
 def _still_valid(baseline: Baseline, asset: str, store: SqlStore) -> Baseline:

@@ -18,7 +18,7 @@ from service.results.json_columns import load, seal
 from service.results.migrate import present
 from service.results.schema import ASSETS, JOBS, METADATA, WINDOWS
 from service.results.schema import BASELINES as OWN_BASELINES
-from service.results.window_file import SUFFIX, read_window
+from service.results.segment_file import read_segment
 
 RESTORE = "restore the latest backup into an empty directory (`gear-twin restore`)"
 MOST_SAID = 100  # findings of one kind
@@ -110,15 +110,16 @@ def _of_files(db: Connection, data: Path) -> Iterator[Finding]:
     for (file,) in db.execute(sa.select(OWN_BASELINES.c.file)).all():
         if not (data / BASELINES / file).is_file():
             yield Finding(what=f"the baseline {data / BASELINES / file} is not there", action=RESTORE)
-    for number, asset in db.execute(sa.select(JOBS.c.id, JOBS.c.asset).where(JOBS.c.kind == WINDOW)).all():
-        path = data / WAITING / f"{number:08d}{SUFFIX}"
+    waiting = sa.select(JOBS.c.id, JOBS.c.asset, JOBS.c.file).where(JOBS.c.kind == WINDOW)
+    for number, asset, file in db.execute(waiting).all():
+        path = data / WAITING / file
         try:
-            read_window(path)
+            read_segment(path)
         except FileNotFoundError:
             if db.execute(sa.select(JOBS.c.id).where(JOBS.c.id == number)).first() is None:
                 continue  # it was processed while this looked
             action = "send the recordings from then on again: the service goes on before it"
             yield Finding(what=f"{path}, a window of {asset} that waits, is not there", action=action)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError) as error:
             action = "nothing: the service refuses this window and counts it"
             yield Finding(what=f"{path}, a window of {asset} that waits, cannot be read: {error}", action=action)

@@ -44,7 +44,10 @@ ASSETS = Table(
     METADATA,
     Column("asset", Text, primary_key=True),  # the name under which it began
     Column("label", NAME, nullable=False, unique=True),  # the name that it has now
-    *(_json(n, nullable=True) for n in ("rig", "state", "report", "assembly", "quality", "question", "retired")),
+    *(
+        _json(n, nullable=True)
+        for n in ("rig", "state", "report", "assembly", "making", "quality", "question", "retired")
+    ),
     *(_number(n, "0") for n in ("windows", "updates", "epoch")),
     _number("received_ns", nullable=True),
     _number("seal", nullable=True),
@@ -64,6 +67,7 @@ WINDOWS = Table(
     _number("start_ns", primary_key=True),
     _json("record"),
     _json("figures"),
+    _json("before", nullable=True),  # what its making took from the window before
     _number("number", "0"),
     _number("epoch", "0"),
     _number("seal", nullable=True),
@@ -114,6 +118,7 @@ JOBS = Table(  # see `jobs`
     _text("verb", nullable=True),  # of a decision
     _number("start_ns", nullable=True),  # of a window
     _number("bytes", nullable=True),  # of a window's file
+    _text("file", nullable=True),  # name of that
     Index("jobs_waiting", "done", "id"),
     Index("jobs_of_asset", "asset", "kind", "id"),
     sqlite_autoincrement=True,

@@ -1,25 +1,31 @@
-"""Reading raw signals of windows that are kept as files: which there are, and each as it was processed."""
+"""Reading raw signals of windows that are kept as files: which there are, and each as it was used."""
 
 from __future__ import annotations
 
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from service.errors import NotKept
+from service.results.segment_file import SUFFIX, read_segment
 from service.results.signal_thinning import KeptWindow
-from service.results.window_file import SUFFIX, read_window
+from service.results.sql_store import SqlStore
+from service.stream.edge_counts import EncoderCounts
+from service.stream.segment import Segment
+from service.stream.window import MadeWindow, window_of
+from twin.rig import Rig
 from twin.windows import Window
 
 MARKS = {"k": {}, "f": {"found": True}, "x": {"refused": True}}
-NAME = re.compile(r"(\d+)_(-?\d+)_([^_]+)_([kfx])\.npz")
+NAME = re.compile(r"(\d+)_(-?\d+)_([^_]+)_([kfx])\.mcap")
 APART = re.compile(r"~((?:[0-9a-f]{2})+)")  # a folder's name that every file system keeps apart from others
 MOST_NAMED = 12  # numbers that a message lists
 
 KeptFile = tuple[KeptWindow, Path]
+Making = Callable[[Segment, Rig, EncoderCounts], MadeWindow]
 
 
 class KeptSignals(ABC):
@@ -37,16 +43,21 @@ class KeptSignals(ABC):
         """Indices of the windows that are kept, rising."""
         return tuple(w.number for w in self.kept(asset))
 
-    def window(self, asset: str, index: int) -> Window:
-        """One window as it was processed; NotKept, which says what is kept, where it is not there."""
+    def window(self, asset: str, index: int, rig: Rig, store: SqlStore, make: Making = window_of) -> Window:
+        """One window, made once more from its frames, by the rig as it is now; NotKept."""
+        segment = self.segment(asset, index)
+        return make(segment, rig, EncoderCounts.from_dict(store.before(asset, segment.start_ns))).window
+
+    def segment(self, asset: str, index: int) -> Segment:
+        """The frames of one window; NotKept, which says what is kept, where it is not there."""
         found = self.files(asset).get(index)
         if found is None:
             raise NotKept(f"the raw signals of window {index} are not kept; {self._listed(asset)}")
         try:
-            return read_window(found[1])
+            return read_segment(found[1])
         except FileNotFoundError:
             raise NotKept(f"the raw signals of window {index} have been deleted") from None
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError) as error:
             raise NotKept(
                 f"the raw signals of window {index} cannot be read: {found[1].name} is damaged "
                 f"({type(error).__name__}: {error})"

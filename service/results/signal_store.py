@@ -1,10 +1,10 @@
 """Raw signals of measurement windows, kept on disk for looking at and for learning baselines.
 
-    <data>/signals/<asset>/<number>_<start>_<revolutions>_<mark>.npz     mark: k kept, f something found, x refused
+    <data>/signals/<asset>/<number>_<start>_<revolutions>_<mark>.mcap     mark: k kept, f something found, x refused
 
-One file a window (window_file.py), named by what the thinning needs to know, so that the directory is its own index
-and no crash can leave the two apart. What an asset may take on disk is bounded; signal_thinning.py says which windows
-are given up. The results of every window stay in the database.
+The file in which a window waited for its turn (segment_file.py), named by what the thinning needs to know, so that the
+directory is its own index and no crash can leave the two apart. What an asset may take on disk is bounded;
+signal_thinning.py says which windows are given up. The results of every window stay in the database.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from service.errors import StoreError
-from service.results.signal_reading import KeptFile, KeptSignals, asset_of_folder, entry_of, folder_in
-from service.results.signal_thinning import KeptWindow, given_up
-from service.results.window_file import SUFFIX, UNFINISHED, write_window
-from twin.windows import Window
+from service.results.segment_file import SUFFIX
+from service.results.signal_reading import KeptFile, KeptSignals, asset_of_folder, entry_of, folder_in, found_in
+from service.results.signal_thinning import given_up
 
 log = logging.getLogger(__name__)
 
@@ -29,13 +28,10 @@ class SignalStore(KeptSignals):
     def __init__(self, folder: Path, limit: int) -> None:
         """limit  bytes that one asset may take; 0 keeps nothing"""
         self.folder, self.limit = Path(folder), limit
-        self._lock = threading.Lock()  # not held while a window is written: nobody waits for that
-        self._kept: dict[str, dict[int, tuple[KeptWindow, Path]]] = {}
+        self._lock = threading.Lock()
+        self._kept: dict[str, dict[int, KeptFile]] = {}
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            for path in self.folder.glob(f"*{UNFINISHED}"):
-                if path.is_file():
-                    path.unlink(missing_ok=True)
             for asset in sorted(p for p in self.folder.iterdir() if p.is_dir()):
                 self._kept[asset_of_folder(asset.name)] = _opened(asset)
         except OSError as error:
@@ -45,37 +41,24 @@ class SignalStore(KeptSignals):
         self,
         asset: str,
         number: int,
-        window: Window,
+        file: Path,
+        start_ns: int,
         *,
         revolutions: float | None = None,
         found: bool = False,
-        file: Path | None = None,
+        refused: bool = False,
     ) -> bool:
-        """Keeps one window, and gives up others where there is no room; False where signals are not kept.
+        """Moves the file of a window to those of its asset, and gives up others where there is no room.
 
-        file  the window as a file, which is moved here in place of being written again; `window` needs no signals then
-
-        OSError where it cannot be written; what was kept before is then untouched.
+        False where signals are not kept. OSError where it cannot be moved; what was kept before is then untouched.
         """
-        if self.limit == 0 or (file is None and not (window.accelerations or window.torques or window.encoders)):
+        if self.limit == 0:
             return False
-        mark = "x" if window.quality == "refused" else "f" if found else "k"
+        mark = "x" if refused else "f" if found else "k"
         turns = "none" if revolutions is None else f"{revolutions:.6g}"
-        name = f"{number:08d}_{window.start_time_ns}_{turns}_{mark}{SUFFIX}"
-        if file is not None:
-            self._place(asset, name, file, file.stat().st_size)
-            return True
-        written = self.folder / f"~{asset}~{number:08d}{UNFINISHED}"
-        size = write_window(written, window)
-        try:
-            self._place(asset, name, written, size)
-        finally:
-            written.unlink(missing_ok=True)
-        return True
-
-    def _place(self, asset: str, name: str, file: Path, size: int) -> None:
-        """Moves the file of a window to those of its asset."""
+        name = f"{number:08d}_{start_ns}_{turns}_{mark}{SUFFIX}"
         with self._lock:
+            size = file.stat().st_size
             of_asset = self._kept.setdefault(asset, {})
             beside = next((path.parent for _, path in of_asset.values()), None)
             folder = beside or folder_in(self.folder, asset, make=True)
@@ -91,6 +74,7 @@ class SignalStore(KeptSignals):
                 dropped.append(before[1])
             for old in dropped:
                 old.unlink(missing_ok=True)
+        return True
 
     def files(self, asset: str) -> Mapping[int, KeptFile]:
         """What is kept of an asset, with the files."""
@@ -98,20 +82,11 @@ class SignalStore(KeptSignals):
             return dict(self._kept.get(asset, {}))
 
 
-def _opened(folder: Path) -> dict[int, tuple[KeptWindow, Path]]:
-    """What a folder holds; files that a crash left unfinished, and all but the latest of one number, are deleted."""
-    found: dict[int, tuple[KeptWindow, Path]] = {}
-    for path in sorted(folder.iterdir()):
-        if path.suffix == UNFINISHED:
+def _opened(folder: Path) -> dict[int, KeptFile]:
+    """What a folder holds; all files but the latest of one number are deleted."""
+    found = found_in(folder)
+    for path in folder.glob(f"*{SUFFIX}"):
+        entry = entry_of(path, 0)
+        if entry is not None and found[entry.number][1] != path:
             path.unlink(missing_ok=True)
-            continue
-        entry = entry_of(path, path.stat().st_size)
-        if entry is None:
-            continue
-        other = found.get(entry.number)
-        if other is not None:
-            older, path = sorted((other[1], path), key=lambda p: p.stat().st_mtime_ns)
-            older.unlink()
-            entry = entry_of(path, path.stat().st_size) or entry
-        found[entry.number] = entry, path
     return found

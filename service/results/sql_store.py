@@ -30,8 +30,8 @@ from service.results.schema import ASSETS, EVENTS, EXTREMES, FAULT_TOTALS, NUMBE
 from service.results.sparse_reading import epochs_of, spread_numbers
 from service.results.store import Event, FaultTotals, StoredAsset, StoredWindow
 
-VITAL = {"state", "assembly", "quality", "counts"}  # without which an asset cannot go on
-JSON_PARTS = ("rig", "state", "report", "assembly", "quality", "question", "retired")  # columns of an asset
+VITAL = {"state", "assembly", "making", "quality", "counts"}  # without which an asset cannot go on
+JSON_PARTS = ("rig", "state", "report", "assembly", "making", "quality", "question", "retired")  # columns of an asset
 NAMED: BindParameter[str] = bindparam("of")  # the asset that a statement is about
 
 _PRESENT = select(*(ASSETS.c[n] for n in COUNTS), ASSETS.c.seal).where(ASSETS.c.asset == NAMED)
@@ -66,6 +66,7 @@ _EPOCHS = epochs_of(NAMED)
 _FROM = (  # with a range and a limit: SQLite walks along the asset's windows where it is given one number
     select(WINDOWS.c.record).where(_OF_EPOCH, WINDOWS.c.number >= bindparam("at")).order_by(WINDOWS.c.number).limit(1)
 )
+_BEFORE = select(WINDOWS.c.before).where(WINDOWS.c.asset == NAMED, WINDOWS.c.start_ns == bindparam("at"))
 _OF_WINDOW = and_(WINDOWS.c.asset == EVENTS.c.asset, WINDOWS.c.start_ns == EVENTS.c.start_ns)
 _EVENTS = (
     select(EVENTS.c.id, EVENTS.c.kind, func.coalesce(WINDOWS.c.record, EVENTS.c.data))
@@ -136,9 +137,14 @@ class SqlStore:
         assembly: Mapping[str, Any],
         quality: Mapping[str, Any],
         received_ns: int,
+        before: Mapping[str, Any] | None = None,
+        making: Mapping[str, Any] | None = None,
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
     ) -> StoredWindow | None:
-        """One window, whole; None (and nothing changed) where it is there already."""
+        """One window, whole; None (and nothing changed) where it is there already.
+
+        before, making  what its making took from the window before, and what the next one goes on from
+        """
         refused = record.get("quality") == "refused"
         shown = {} if report is None or refused else plain(figures(report))
         with self._transaction() as db:
@@ -147,12 +153,13 @@ class SqlStore:
             number, epoch = record["index"], counts["epoch"]
             row = {
                 "asset": asset, "start_ns": start_ns, "record": dump(record), "figures": dump(shown),
+                "before": dump(before),
                 "number": number, "epoch": epoch, "seal": seal(start_ns, number, epoch),
                 "notable": _notable(record, events, counts["windows"] == 0),
             }  # fmt: skip
             if db.execute(self._insert_window, row).first() is None:
                 return None
-            parts = {"state": state, "report": report, "assembly": assembly, "quality": quality}
+            parts = {"state": state, "report": report, "assembly": assembly, "making": making, "quality": quality}
             counts["windows"] += 1
             counts["updates"] += bool(record.get("updated"))
             counts["received_ns"] = received_ns
@@ -268,6 +275,11 @@ class SqlStore:
         if numbers is None:
             return self.windows(asset, after, most, epoch=epoch)
         return self._windows(_THESE, {"of": asset, "epoch": epoch, "numbers": numbers})
+
+    def before(self, asset: str, start_ns: int) -> Mapping[str, Any]:
+        """What the making of a window took from the one before; empty where that is not known any more."""
+        ((kept,),) = self._rows(_BEFORE, {"of": asset, "at": start_ns}) or ((None,),)
+        return salvage(kept, f"window {start_ns} of {asset}") or {}
 
     def next_indices(self) -> dict[str, int]:
         """Index of every asset's next window."""

@@ -40,6 +40,7 @@ class StoredAsset:
     state: Mapping[str, Any] | None = None  # of the twin
     report: Mapping[str, Any] | None = None
     assembly: Mapping[str, Any] | None = None  # where the stream's windows end
+    making: Mapping[str, Any] | None = None  # what the making of the next window goes on from
     quality: Mapping[str, Any] | None = None
     windows: int = 0  # how many have been committed, refused ones too
     updates: int = 0  # of them, that updated the twin

@@ -7,10 +7,9 @@ that a kill loses no window and counts none twice.
 from __future__ import annotations
 
 import logging
-import os
-import socket
+import secrets
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,10 +22,10 @@ from service.results.commit_marks import probe
 from service.results.jobs import WINDOW
 from service.results.json_columns import dump, salvage
 from service.results.schema import ASSETS, JOBS
+from service.results.segment_file import SUFFIX, sync_folder, write_segment
 from service.results.store import Tables
-from service.results.window_file import SUFFIX, UNFINISHED, sync_folder, write_window
 from service.steady_clock import later_time_ns
-from twin.windows import Window
+from service.stream.segment import Segment
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +35,7 @@ PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
 _IS = JOBS.c.kind == WINDOW
 _OF = JOBS.c.asset == bindparam("of")
-_ALL_WAITING = select(*(JOBS.c[n] for n in ("asset", "id", "start_ns", "bytes"))).where(_IS).order_by(JOBS.c.id)
+_ALL_WAITING = select(*(JOBS.c[n] for n in ("asset", "id", "start_ns", "bytes", "file"))).where(_IS).order_by(JOBS.c.id)
 _WAITING = _ALL_WAITING.where(_OF)
 _END_WAITING = delete(JOBS).where(JOBS.c.id == bindparam("number"))
 _END_WAITING_FROM = delete(JOBS).where(_IS, _OF, JOBS.c.id >= bindparam("number"))
@@ -51,6 +50,16 @@ class WaitingWindow:
     id: int
     start_ns: int
     bytes: int
+    file: str  # its name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Written:
+    """The file of a window that nothing names yet."""
+
+    path: Path
+    start_ns: int
+    bytes: int
 
 
 class WindowJobs:
@@ -63,9 +72,9 @@ class WindowJobs:
             return
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            known = {row[0] for row in database.rows(select(JOBS.c.id).where(_IS))}
+            known = {row[0] for row in database.rows(select(JOBS.c.file).where(_IS))}
             for path in folder.iterdir():
-                if path.suffix != SUFFIX or not path.stem.isdigit() or int(path.stem) not in known:
+                if path.name not in known:
                     path.unlink(missing_ok=True)  # of a window that has been processed, or was never committed
         except OSError as error:
             raise StoreError(f"{folder} cannot hold windows that wait: {error.strerror or error}") from error
@@ -74,52 +83,52 @@ class WindowJobs:
         """A transaction of the database, which other stores in it share."""
         return self._database.transaction()
 
-    def write(self, window: Window) -> int:
-        """Writes a window that is to wait, before the transaction, which others wait for; its size in bytes."""
-        return write_window(self._unnumbered(), window)
+    def write(self, segment: Segment) -> Written:
+        """Makes the frames of a window that is to wait durable, before the transaction, which others wait for.
+
+        No two files have one name, also where another process has had the folder before.
+        """
+        assert self.folder is not None
+        path = self.folder / f"{segment.start_ns}_{secrets.token_hex(8)}{SUFFIX}"
+        size = write_segment(path, segment)
+        try:
+            sync_folder(self.folder)
+        except BaseException:
+            delete_file(path)
+            raise
+        return Written(path=path, start_ns=segment.start_ns, bytes=size)
 
     def add_waiting(
         self,
         asset: str,
-        window: Window,
+        written: Written,
         beside: Sequence[WaitingWindow] | None = None,
-        size: int | None = None,
         before: Mapping[str, Any] | None = None,
     ) -> WaitingWindow | None:
-        """Keeps a window until its turn comes; None where there is no room. Its file is durable once `sync` returns.
+        """Keeps a window until its turn comes; None where there is no room.
 
         beside  the windows of the asset that wait already, where the caller has just read them
-        size    what `write` answered, where the caller has written it before its transaction
         before  where the asset's stream went on before it; empty before its first window
         """
         waiting = self.waiting(asset) if beside is None else beside
         if len(waiting) >= WAITING_WINDOWS or sum(w.bytes for w in waiting) >= WAITING_BYTES:
             return None
-        size = self.write(window) if size is None else size
+        start_ns, size, name = written.start_ns, written.bytes, written.path.name
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            row = {"asset": asset, "start_ns": window.start_time_ns, "bytes": size, "given": dump(before)}
-            row |= {"kind": WINDOW, "received_ns": later_time_ns()}
-            number = self._database.add(db, JOBS, row)
-            self._unnumbered().replace(self._path(number))
-        return WaitingWindow(id=number, start_ns=window.start_time_ns, bytes=size)
+            row = {"asset": asset, "start_ns": start_ns, "bytes": size, "file": name, "given": dump(before)}
+            number = self._database.add(db, JOBS, row | {"kind": WINDOW, "received_ns": later_time_ns()})
+        return WaitingWindow(id=number, start_ns=start_ns, bytes=size, file=name)
 
     def probe(self) -> None:
         """Writes to the folder and to the database, as a window is written; StoreError or OSError where that fails."""
-        path = self._unnumbered().with_suffix(UNFINISHED)
+        assert self.folder is not None
+        path = self.folder / secrets.token_hex(8)
         try:
             path.write_bytes(bytes(PROBE_BYTES))
         finally:
             path.unlink(missing_ok=True)
         probe(self._database)
-
-    def sync(self) -> None:
-        """Makes the names of the files of windows durable, after the transaction, which others wait for.
-
-        Until then nothing is acknowledged: a row whose file has lost its name in a power cut is one to step back from.
-        """
-        assert self.folder is not None
-        sync_folder(self.folder)
 
     def step_back(self) -> None:
         """Has each asset go on before the first of its windows that wait without their file, so that they come again.
@@ -129,7 +138,7 @@ class WindowJobs:
         assert self.folder is not None
         files = {path.name for path in self.folder.iterdir()}
         for asset, waiting in self.all_waiting().items():
-            gone = next((w for w in waiting if self._path(w.id).name not in files), None)
+            gone = next((w for w in waiting if w.file not in files), None)
             if gone is None:
                 continue
             with self.transaction() as db:
@@ -151,13 +160,14 @@ class WindowJobs:
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
         rows = self._database.rows(_WAITING, {"of": asset})
-        return tuple(WaitingWindow(id=i, start_ns=start, bytes=size) for _, i, start, size in rows)
+        return tuple(WaitingWindow(id=i, start_ns=start, bytes=size, file=file) for _, i, start, size, file in rows)
 
     def all_waiting(self) -> dict[str, tuple[WaitingWindow, ...]]:
         """The windows of all assets that wait, by asset."""
         waiting: dict[str, tuple[WaitingWindow, ...]] = {}
-        for asset, number, start, size in self._database.rows(_ALL_WAITING):
-            waiting[asset] = (*waiting.get(asset, ()), WaitingWindow(id=number, start_ns=start, bytes=size))
+        for asset, number, start, size, file in self._database.rows(_ALL_WAITING):
+            kept = WaitingWindow(id=number, start_ns=start, bytes=size, file=file)
+            waiting[asset] = (*waiting.get(asset, ()), kept)
         return waiting
 
     def drop_waiting(self, number: int) -> None:
@@ -165,19 +175,10 @@ class WindowJobs:
         with self.transaction() as db:
             db.execute(_END_WAITING, {"number": number})
 
-    def file_of(self, number: int) -> Path:
+    def path_of(self, window: WaitingWindow) -> Path:
         """The file of a window that waits."""
-        return self._path(number)
-
-    def delete_file(self, number: int) -> None:
-        """Deletes the file of a window whose wait has ended, after the transaction."""
-        self._path(number).unlink(missing_ok=True)
-
-    def forget_waiting(self, number: int) -> None:
-        """Leaves out a window that waits, with its file."""
-        self.drop_waiting(number)
-        with suppress(OSError):  # the next start deletes it
-            self.delete_file(number)
+        assert self.folder is not None
+        return self.folder / window.file
 
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
@@ -185,18 +186,11 @@ class WindowJobs:
             self._database.ensure(db, other)
             db.execute(update(JOBS).where(_IS, JOBS.c.asset == asset).values(asset=other))
 
-    def _unnumbered(self) -> Path:
-        assert self.folder is not None
-        return self.folder / temporary_name(os.getpid())
 
-    def _path(self, number: int) -> Path:
-        assert self.folder is not None
-        return self.folder / f"{number:08d}{SUFFIX}"
-
-
-def temporary_name(process: int) -> str:
-    """The file in which a process of this host writes a window that has no number yet.
-
-    No other process writes into it, such as one that was suspended and had the folder before.
-    """
-    return f"new-{socket.gethostname()}-{process}".replace(".", "-")
+def delete_file(path: Path | None) -> None:
+    """Deletes the file of a window that waits no longer; one that cannot be deleted now is by the next start."""
+    if path is not None:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            log.warning("%s cannot be deleted: %s", path, error.strerror or error)

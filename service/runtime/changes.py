@@ -157,7 +157,8 @@ class Changes:
             if rig is not None:
                 self._store.keep_rig(name, rig)
             if not fresh and lane.assembly:
-                self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}))
+                making = {**lane.encoders.to_dict(), "found": self._reception.counts(asset).found}
+                self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}), making=making)
             if not fresh:
                 self._windows.give_waiting(asset, name)
             self._names.give_streams(asset, name)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +18,7 @@ from service.results.jobs import Job, Jobs
 from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
 from service.results.store import StoredWindow
-from service.results.window_jobs import WindowJobs
+from service.results.window_jobs import WindowJobs, delete_file
 from service.runtime.outcomes import Outcome
 from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
@@ -61,7 +60,7 @@ class Commits:
             if outcome.waited is not None:
                 self._windows.drop_waiting(outcome.waited)
         if shown is None:
-            self._delete(outcome)
+            delete_file(outcome.file)
             start = outcome.record["start_time"]
             told = {"asset": outcome.asset, "window": start}
             log.error("%s: window %s had been committed before", outcome.asset, start, extra=told)
@@ -77,16 +76,16 @@ class Commits:
         if outcome.window is None:
             return
         if self._signals is not None:
-            self._signals.offer(outcome, None if outcome.waited is None else self._windows.file_of(outcome.waited))
+            self._signals.offer(outcome)
         else:
-            self._delete(outcome)
+            delete_file(outcome.file)
 
     # -- within --------------------------------------------------------------------------------------
 
     def _kept(self, outcome: Outcome, job: Job | None, before: Snapshot | None) -> Snapshot | None:
         """Writes an outcome; how the asset is shown then. None where its window is another attempt's."""
         asset, changed = outcome.asset, dict(outcome.changed)
-        parts = {n: v for n in ("assembly", "quality", "report") if (v := getattr(outcome, n)) is not None}
+        parts = {n: v for n in ("assembly", "making", "quality", "report") if (v := getattr(outcome, n)) is not None}
         changed |= {n: parts[n] for n in ("quality", "report") if n in parts}
         if outcome.state is not None:
             parts["state"] = outcome.state.to_dict()
@@ -101,6 +100,7 @@ class Commits:
                 record=outcome.record,
                 received_ns=changed["received_ns"],
                 events=outcome.events,
+                before=outcome.before,
                 **{"report": None, **parts},
             )
             first = window is not None
@@ -140,12 +140,6 @@ class Commits:
         found = self._store.windows(outcome.asset, outcome.index - 1, 1)
         ours = found and (found[0].start_ns, found[0].record["index"]) == (outcome.window.start_time_ns, outcome.index)
         return found[0] if ours else None
-
-    def _delete(self, outcome: Outcome) -> None:
-        """Deletes the file in which a window waited; one that cannot be deleted now is by the next start."""
-        if outcome.waited is not None:
-            with suppress(OSError):
-                self._windows.delete_file(outcome.waited)
 
 
 def _alarm_events(outcome: Outcome, alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:

@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from service.contract.base import iso_time
-from service.files.rig import window_of_rig
 from service.logs import about
 from service.operation.journey import TOTAL
-from service.results.window_file import read_window
-from service.runtime.outcomes import Raw
+from service.results.segment_file import read_segment
 from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
+from service.stream.edge_counts import EncoderCounts
+from service.stream.segment import Segment
+from service.stream.window import window_of
 from twin.errors import TwinError
 from twin.observed import TRACING, PartRefused, observed_by
 from twin.rig import Rig
@@ -41,14 +42,16 @@ class Ask(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindowToUse:
-    """A window for the twin, in memory or in the file in which it was kept.
+    """A window for the twin: its frames, in memory or in the file in which they were kept.
 
+    before  counts of the encoders by the end of the window before
     refuse  why it is not to be used; None where it is
     """
 
     start_ns: int
-    window: Window | None = None
+    segment: Segment | None = None
     file: Path | None = None
+    before: EncoderCounts = field(default_factory=EncoderCounts)
     refuse: str | None = None
 
 
@@ -84,8 +87,10 @@ class Made:
     state    the twin's afterwards; None where it has not changed
     answer   what the twin says; None where it was not asked, or refused
     refused  why a window was not used, or anything else not carried out
-    window   the window as it was used; without its signals where it was read from a file
-    raw      what that file holds of the window's signals
+    window   the window as it was used; without its signals where its frames were read from a file
+    encoders counts of the encoders by its end; None where it was not made, or not to be used
+    found    faults that its making has found, by channel and kind
+    signals  whether it has any, as far as is known
     unreadable  why the state could not be read, so that nothing was made
     handed_back  whether nothing was made, since a search for effects is due
     parts    how long it took: `total`, and the parts of the step that the twin names [s]
@@ -96,7 +101,9 @@ class Made:
     refused: str | None = None
     fell: Fell | None = None
     window: Window | None = None
-    raw: Raw = "same"
+    encoders: EncoderCounts | None = None
+    found: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    signals: bool = True
     unreadable: str | None = None
     handed_back: bool = False
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -195,19 +202,24 @@ def _timed(parts: dict[str, float], name: str) -> Iterator[None]:
 
 def _window(call: Call) -> Made:
     given: WindowToUse = call.ask.about
-    raw = given.window
-    if raw is None:
+    segment = given.segment
+    if segment is None:
         assert given.file is not None
         try:
-            raw = read_window(given.file)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            segment = read_segment(given.file)
+        except (OSError, ValueError) as error:
             return _unreadable(given, error)
-    window = window_of_rig(call.rig, raw)
+    of_segment = window_of(segment, call.rig, given.before)
+    window = of_segment.window
     kept = window if given.file is None else replace(window, accelerations={}, torques={}, encoders={})
-    signals = window.accelerations or window.torques or window.encoders
-    made = Made(window=kept, raw="nothing" if not signals else "same" if window is raw else "other faults")
+    made = Made(
+        window=kept,
+        encoders=of_segment.counts,
+        found=of_segment.found,
+        signals=bool(window.accelerations or window.torques or window.encoders),
+    )
     if given.refuse is not None:
-        return replace(made, refused=given.refuse)
+        return replace(made, refused=given.refuse, encoders=None)
     if window.quality == "refused":
         return replace(made, refused="; ".join(f.detail for f in window.faults if f.action == "refused"))
     try:
@@ -227,7 +239,7 @@ def _unreadable(given: WindowToUse, error: Exception) -> Made:
     reason = f"the file in which this window was kept cannot be read: {type(error).__name__}: {error}"
     fault = Fault(kind=UNREADABLE, channel="all", count=1, action="refused", detail=reason)
     window = Window(start_time_ns=given.start_ns, faults=(fault,), quality="refused")
-    return Made(window=window, refused=reason, raw="nothing")
+    return Made(window=window, refused=reason, signals=False)
 
 
 def _asked(method: str) -> Callable[[Call], Made]:

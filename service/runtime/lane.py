@@ -14,19 +14,20 @@ from service.runtime.computing import Ask, Made
 from service.runtime.outcomes import Outcome
 from service.runtime.questions import ALL_WAIT
 from service.runtime.twin_port import Twin
+from service.stream.edge_counts import EncoderCounts
+from service.stream.segment import Segment
 from twin.rig import Rig
-from twin.windows import Window
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
 class Entry:
-    """A closed window that has not been committed yet."""
+    """A closed window that has not been committed yet: its frames, in a file or in memory."""
 
     start_ns: int
     number: int | None = None  # among the windows that are kept until their turn; None where it is in memory alone
-    file: Path | None = None  # that it is kept in
+    file: Path | None = None  # that they are kept in
     bytes: int = 0  # of that file
-    window: Window | None = None  # where it is in memory
+    segment: Segment | None = None  # where its frames are in memory
     refuse: str | None = None  # why it is not to be used; None where it is
     again: bool = False  # whether it has waited for an answer before
     journey: Journey = field(default_factory=Journey)
@@ -77,6 +78,7 @@ class Lane:
     index: int = 0  # of the next window
     report: Mapping[str, Any] | None = None
     assembly: Mapping[str, Any] = field(default_factory=dict)  # Assembler.to_dict() as of the newest window here
+    encoders: EncoderCounts = field(default_factory=EncoderCounts)  # by the end of the last window that was made
     question: Mapping[str, Any] | None = None  # that is open
     entries: deque[Entry] = field(default_factory=deque)
     held: int = 0

@@ -19,6 +19,7 @@ from typing import Any
 from service.contract.status import shown_question
 from service.errors import FAULT, InputError, StorageUnavailable, StoreError
 from service.operation.journey import Arrived, nobody
+from service.results.window_jobs import delete_file
 from service.runtime.computing import Ask, Call, Computing, Made, WindowToUse
 from service.runtime.lane import Entry, Lane, Turn
 from service.runtime.outcomes import Checkpoint, Outcome, ResultSink
@@ -29,6 +30,8 @@ from service.runtime.storage_watch import StorageWatch
 from service.runtime.twin_port import Twin
 from service.runtime.window_outcomes import outcome_of
 from service.steady_clock import later_time_ns
+from service.stream.edge_counts import EncoderCounts
+from service.stream.quality import Quality
 from service.stream.repeats import Repeats
 from twin.errors import TwinError
 from twin.rig import Rig
@@ -72,7 +75,7 @@ class Lanes:
         self._lanes: dict[str, Lane] = {}
         self._unsettled: list[tuple[Lane, Callable[[], None]]] = []
         self.stopped: list[tuple[str, str]] = []  # assets of which nothing more is processed, and why
-        self.forget: Callable[[int], None] = lambda number: None  # a window that waits on disk
+        self.forget: Callable[[int], None] = lambda number: None  # ends the wait of a window on disk
         self.faults = 0  # of the program, each of which cost a window, a decision or a change
 
     # -- work ----------------------------------------------------------------------------------------
@@ -131,9 +134,11 @@ class Lanes:
     def restore(self, asset: str, checkpoint: Checkpoint, entries: Sequence[Entry] = ()) -> None:
         """Goes on where an earlier run ended, with the windows of an asset that it has left; `go` begins with them."""
         if checkpoint.assembly is not None and checkpoint.quality is not None:
-            self._reception.resume(asset, checkpoint.assembly, checkpoint.quality)
+            found = checkpoint.making.get("found", {})
+            self._reception.resume(asset, checkpoint.assembly, Quality.from_dict(checkpoint.quality, found))
         lane = self.of(asset)
         lane.assembly = checkpoint.assembly or {}
+        lane.encoders = EncoderCounts.from_dict(checkpoint.making)
         lane.entries.extend(entries)
         if checkpoint.question is not None:
             lane.held = min(checkpoint.question["waiting"], len(lane.entries))
@@ -171,13 +176,14 @@ class Lanes:
         if entry is None:
             return False
         window = as_left_out(entry)
-        made = Made(window=window, refused=window.faults[-1].detail, raw="nothing")
+        made = Made(window=window, refused=window.faults[-1].detail, signals=False)
         try:
             self._commit(lane, entry, made, shed=True)
         except StorageUnavailable as error:
             if error.reason != "damaged" or entry.number is None:
                 raise
             self.forget(entry.number)  # its record cannot be kept either
+            delete_file(entry.file)
             lane.remove(entry)
             lane.shed += 1
         return True
@@ -287,7 +293,9 @@ class Lanes:
 
     def _start_window(self, lane: Lane, entry: Entry) -> None:
         lane.current, entry.journey.started_ns = entry, later_time_ns()
-        given = WindowToUse(start_ns=entry.start_ns, window=entry.window, file=entry.file, refuse=entry.refuse)
+        given = WindowToUse(
+            start_ns=entry.start_ns, segment=entry.segment, file=entry.file, before=lane.encoders, refuse=entry.refuse
+        )
         self._ask(lane, Ask("window", given), partial(self._end_window, lane, entry))
 
     def _end_window(self, lane: Lane, entry: Entry, made: Made) -> None:
@@ -303,8 +311,7 @@ class Lanes:
             question = lane.question or count_fell(fell.seen, fell.fallen, entry.start_ns)
             self._settle(lane, partial(self._hold, lane, question, made.state))
         else:
-            refused = Made(state=made.state, refused=fell.reason, window=made.window, raw=made.raw)
-            self._settle(lane, partial(self._commit, lane, entry, refused))
+            self._settle(lane, partial(self._commit, lane, entry, replace(made, refused=fell.reason)))
 
     def _commit(self, lane: Lane, entry: Entry, made: Made, *, shed: bool = False) -> None:
         counts = self._reception.counts(lane.asset).copy()
@@ -322,6 +329,7 @@ class Lanes:
         if not committed:
             return
         entry.journey.stored_ns = later_time_ns()
+        lane.encoders = made.encoders or lane.encoders
         lane.index += 1
         lane.shed += any((fault["kind"], fault["channel"]) == LEFT_OUT for fault in outcome.record["faults"])
         self._reception.keep_counts(lane.asset, counts)
@@ -388,7 +396,7 @@ class Lanes:
             return
         new.entries.extend(old.entries)
         old.entries.clear()
-        new.assembly = old.assembly
+        new.assembly, new.encoders = old.assembly, old.encoders
         self._turn(new)
 
     def reopen(self, asset: str) -> None:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 from service.alarms.keeper import AlarmKeeper
 from service.operation.journey import Journey
 from service.results.jobs import Job
 from service.runtime.twin_port import Events
+from service.stream.segment import Segment
 from twin.windows import Window
-
-Raw = Literal["same", "other faults", "nothing"]
-"""What the file in which a window was kept holds of its signals: the same window, one with other faults, or nothing."""
 
 Judge = Callable[[AlarmKeeper, Mapping[str, Any]], Events]
 """Judges the alarms of an asset, and the quality of its data as it is shown; answers the events of alarms."""
@@ -24,7 +23,7 @@ class ClosedWindow:
     """A window whose frames are complete, or will not be completed any more."""
 
     asset: str
-    window: Window
+    segment: Segment
     assembly: Mapping[str, Any]  # Assembler.to_dict() as of this window
     journey: Journey = field(default_factory=Journey)
 
@@ -39,9 +38,9 @@ def _nothing() -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What one job led to: all that is committed in one transaction. All but `window` and `state` is JSON-safe.
+    """What one job led to: all that is committed in one transaction. All but `window`, `file` and `state` is JSON-safe.
 
-    Of what is not given, nothing changes. `index` to `raw` are of a window that was used or refused.
+    Of what is not given, nothing changes. `index` to `signals` are of a window that was used or refused.
 
     judge  which alarms are raised or end, where no window was used; within the transaction
     also   what else changes; within the transaction. InputError refuses the job
@@ -50,10 +49,13 @@ class Outcome:
 
     asset: str
     index: int = -1  # from 0, counting refused ones
-    window: Window | None = None  # as it was used; without its signals where it was kept in a file
+    window: Window | None = None  # as it was used; without its signals where its frames were kept in a file
     record: Mapping[str, Any] = field(default_factory=dict)  # the contract's `windows[]`, with `quality` and `faults`
     waited: int | None = None  # number of the job that the window was; None where it was kept in memory alone
-    raw: Raw = "same"
+    file: Path | None = None  # in which its frames were kept; None where they were in memory
+    before: Mapping[str, Any] | None = None  # what its making took from the window before
+    making: Mapping[str, Any] | None = None  # what the making of the next window goes on from
+    signals: bool = True  # whether it has any
     held: bool = False  # whether a window waits from now on until people have answered
     state: Any = None  # twin.step.State
     report: Mapping[str, Any] | None = None  # the twin's newest answer
@@ -77,6 +79,7 @@ class Checkpoint:
     report: Mapping[str, Any] | None
     assembly: Mapping[str, Any] | None  # None before the first window, which people's jobs may precede
     quality: Mapping[str, Any] | None
+    making: Mapping[str, Any] = field(default_factory=dict)
     question: Mapping[str, Any] | None = None
     shed: int = 0  # windows that were left out because too much waited
 

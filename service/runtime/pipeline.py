@@ -37,5 +37,5 @@ class Pipeline(Reception):
         self.lanes = Lanes(self, sink, Inline(), twin_of=lambda asset, rig: twin, new_state=twin.new_state)
 
     def _process(self, closed: ClosedWindow) -> None:
-        entry = Entry(start_ns=closed.window.start_time_ns, window=closed.window)
+        entry = Entry(start_ns=closed.segment.start_ns, segment=closed.segment)
         self.lanes.put(closed.asset, entry, closed.assembly)

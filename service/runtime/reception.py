@@ -11,7 +11,7 @@ comes. No threads, and no clock but the one that is given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +20,7 @@ from service.files.rig import assembly_for, expected_channels
 from service.runtime.outcomes import ClosedWindow
 from service.settings import Settings
 from service.steady_clock import later_time_ns
-from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.assembly import DEFAULT, Assembler, AssemblySettings, Closed
 from service.stream.frames import Frame
 from service.stream.left_out import ANOTHERS, Missing
 from service.stream.position import Position
@@ -29,7 +29,6 @@ from service.stream.quality import Quality
 from service.stream.repeats import Repeats
 from service.stream.wire.topics import Channel
 from twin.rig import Rig
-from twin.windows import Window
 
 
 @dataclass(slots=True)
@@ -133,9 +132,9 @@ class Reception:
         """Whether frames of an asset wait for their window's end."""
         return asset in self._assets and self._assets[asset].assembler.waiting
 
-    def _closed(self, asset: str, windows: Iterator[tuple[Window, dict[str, Any]]]) -> None:
-        for window, assembly in list(windows):
-            self._close(ClosedWindow(asset=asset, window=window, assembly=assembly))
+    def _closed(self, asset: str, windows: Iterable[Closed]) -> None:
+        for segment, assembly in list(windows):
+            self._close(ClosedWindow(asset=asset, segment=segment, assembly=assembly))
 
     # -- what is known -------------------------------------------------------------------------------
 
@@ -175,12 +174,12 @@ class Reception:
 
     # -- changes -------------------------------------------------------------------------------------
 
-    def resume(self, asset: str, assembly: Mapping[str, Any], quality: Mapping[str, Any]) -> None:
+    def resume(self, asset: str, assembly: Mapping[str, Any], counts: Quality) -> None:
         """Goes on after the newest window of an earlier run."""
         received = self._of(asset)
         received.assembler = Assembler.from_dict(assembly, received.assembler.settings)
         received.assembler.used = self._used
-        received.counts = Quality.from_dict(quality)
+        received.counts = counts
 
     def ignore_repeats(self, asset: str) -> None:
         """Asks no more about the frames that are left out at present."""
@@ -196,6 +195,7 @@ class Reception:
             kept = Assembler.from_dict(old.assembler.to_dict(), old.assembler.settings)
             kept.used = self._used
             new.assembler, old.assembler = old.assembler, kept
+            new.counts = Quality(found=old.counts.copy().found)
         else:
             new.assembler.leave_out_all_so_far(old.assembler, ANOTHERS)
 

@@ -1,13 +1,12 @@
 """Windows that have closed are made durable before anything else becomes of them.
 
-The window's file is written first; its name, what names it in the database, and where its asset's stream goes on after
-it are one transaction. Once the file's name is on disk as well, the window is acknowledged, and neither the end of the
-process nor a power cut loses it. It waits until its asset's turn comes; the transaction that commits its results ends
-the wait.
+The file of its frames is written first, its name as well; what names it in the database, and where its asset's stream
+goes on after it, are one transaction. Then the window is acknowledged, and neither the end of the process nor a power
+cut loses it. It waits until its asset's turn comes; the transaction that commits its results ends the wait.
 
 What waits is bounded. Over a bound the oldest window of the asset with most waiting is left out as a whole: it becomes
 a refused record with the reason. While the storage cannot be used, closed windows wait in memory, in the same order and
-within a bound of their own; one that is left out there keeps its place, without its signals.
+within a bound of their own; one that is left out there keeps its place, without its frames.
 """
 
 from __future__ import annotations
@@ -19,12 +18,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from service.results.sql_store import SqlStore
-from service.results.window_jobs import WaitingWindow, WindowJobs
+from service.results.window_jobs import WaitingWindow, WindowJobs, Written, delete_file
 from service.runtime.lane import Entry, Lane
 from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import ClosedWindow
 from service.runtime.reception import Reception
-from service.runtime.signal_writer import bytes_of
 from service.runtime.storage_watch import StorageWatch
 from service.steady_clock import later_time_ns
 from twin.windows import Fault, Window
@@ -66,11 +64,12 @@ class Spool:
         self.settled: Callable[[str], object] = lambda asset: None
         self._pending: dict[str, deque[ClosedWindow]] = {}
         self._held = 0  # bytes of those, in memory
+        self._unanswered: dict[str, Written] = {}  # files that the database may name: a commit had no answer
 
     def add(self, closed: ClosedWindow) -> None:
         """Keeps a window and hands it to its asset's lane; later, where the storage cannot be used now."""
         self._pending.setdefault(closed.asset, deque()).append(closed)
-        self._held += bytes_of(closed.window)
+        self._held += closed.segment.nbytes
         self._keep_all(closed.asset)
         while self._held > self._limits.memory_bytes:
             self._leave_out_pending()
@@ -84,12 +83,14 @@ class Spool:
     def unstored_from_ns(self, asset: str) -> int | None:
         """Start of the earliest window that has closed and is not durable yet; None where all are."""
         pending = self._pending.get(asset)
-        return min((closed.window.start_time_ns for closed in pending.copy()), default=None) if pending else None
+        return min((closed.segment.start_ns for closed in pending.copy()), default=None) if pending else None
 
     def give(self, asset: str, other: str) -> None:
         """The windows of an asset that wait in memory are another one's, once that has been committed."""
         if asset in self._pending:
             self._pending[other] = deque(replace(closed, asset=other) for closed in self._pending.pop(asset))
+        if asset in self._unanswered:
+            self._unanswered[other] = self._unanswered.pop(asset)
 
     @property
     def held_bytes(self) -> int:
@@ -104,30 +105,35 @@ class Spool:
             done, _ = self._storage.attempt(partial(self._keep, pending[0]))
             if not done:
                 return
-            self._held -= bytes_of(pending.popleft().window)
+            self._held -= pending.popleft().segment.nbytes
             self.settled(asset)
         del self._pending[asset]
 
     def _keep(self, closed: ClosedWindow) -> None:
-        asset, window = closed.asset, closed.window
+        asset, segment = closed.asset, closed.segment
         lane = self._lanes.of(asset)
         self._make_room(lane)
-        start_ns, added, size = window.start_time_ns, None, self._windows.write(window)
+        before = self._unanswered.get(asset)
+        written, kept = before or self._windows.write(segment), None
         try:
             with self._windows.transaction():
                 waiting = self._windows.waiting(asset)
-                if waiting and waiting[-1].start_ns == start_ns:  # kept by an earlier attempt that did not know it
-                    kept: WaitingWindow | None = waiting[-1]
+                if waiting and waiting[-1].start_ns == segment.start_ns:  # by an earlier attempt that did not know it
+                    kept = waiting[-1]
                 else:
-                    kept = added = self._windows.add_waiting(asset, window, waiting, size, lane.assembly)
+                    kept = self._windows.add_waiting(asset, written, waiting, lane.assembly)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
-            if added is not None and not getattr(error, "unknown", False):
-                self._windows.delete_file(added.id)  # of no window now
+            if getattr(error, "unknown", False):
+                self._unanswered[asset] = written
+            elif before is None:
+                delete_file(written.path)  # of no window now
             raise
-        self._windows.sync()
+        self._unanswered.pop(asset, None)
+        if kept is None or kept.file != written.path.name:
+            delete_file(written.path)
         if kept is None:
-            entry = Entry(start_ns=start_ns, window=_left_out(window, TOO_MANY))
+            entry = Entry(start_ns=segment.start_ns, segment=segment.without_frames(_fault(TOO_MANY)))
         else:
             (entry,) = entries_of(self._windows, [kept])
         closed.journey.kept_ns, entry.journey = later_time_ns(), closed.journey
@@ -146,30 +152,27 @@ class Spool:
                 break
 
     def _leave_out_pending(self) -> None:
-        """The oldest window in memory, of the asset that takes most there, loses its signals and keeps its place."""
-        sizes = {asset: sum(bytes_of(c.window) for c in pending) for asset, pending in self._pending.items()}
+        """The oldest window in memory, of the asset that takes most there, loses its frames and keeps its place."""
+        sizes = {asset: sum(c.segment.nbytes for c in pending) for asset, pending in self._pending.items()}
         asset = max(sizes, key=lambda name: sizes[name])
         pending = self._pending[asset]
-        place = next(i for i, closed in enumerate(pending) if bytes_of(closed.window))
+        place = next(i for i, closed in enumerate(pending) if closed.segment.nbytes)
         closed = pending[place]
-        self._held -= bytes_of(closed.window)
-        pending[place] = replace(closed, window=_left_out(closed.window, NOT_STORED))
+        self._held -= closed.segment.nbytes
+        pending[place] = replace(closed, segment=closed.segment.without_frames(_fault(NOT_STORED)))
         log.warning("%s: %s", asset, NOT_STORED, extra={"asset": asset})
 
 
 def entries_of(windows: WindowJobs, waiting: Iterable[WaitingWindow]) -> list[Entry]:
     """Windows that wait on disk as places in an asset's lane."""
-    return [Entry(start_ns=w.start_ns, number=w.id, file=windows.file_of(w.id), bytes=w.bytes) for w in waiting]
+    return [Entry(start_ns=w.start_ns, number=w.id, file=windows.path_of(w), bytes=w.bytes) for w in waiting]
 
 
 def _refusal(entry: Entry) -> Window:
     """A window on disk that is left out."""
-    return _left_out(Window(start_time_ns=entry.start_ns), TOO_MANY)
+    return Window(start_time_ns=entry.start_ns, faults=(_fault(TOO_MANY),), quality="refused")
 
 
-def _left_out(window: Window, reason: str) -> Window:
-    """A window without its signals, refused for a reason."""
-    fault = Fault(kind=SHED, channel="all", count=1, action="refused", detail=reason)
-    return Window(
-        start_time_ns=window.start_time_ns, faults=(*window.faults, fault), slow=window.slow, quality="refused"
-    )
+def _fault(reason: str) -> Fault:
+    """Why a window is refused whose frames are left out."""
+    return Fault(kind=SHED, channel="all", count=1, action="refused", detail=reason)

@@ -32,7 +32,7 @@ def outcome_of(
     else:
         record, events, grade = dict(answer.record), answer.events, window.quality
         report = with_status_since(lane.report, answer.report, window.start_time_ns, record.get("revolutions"), index)
-    faults = counts.note_window(index, window, grade)
+    faults = counts.note_window(index, window, grade, made.found)
     record |= {
         "index": index,
         "start_time": iso_time(window.start_time_ns),
@@ -56,5 +56,8 @@ def outcome_of(
         assembly=lane.assembly,
         quality=section(counts),
         waited=entry.number,
-        raw=made.raw,
+        file=entry.file,
+        before=lane.encoders.to_dict(),
+        making={**(made.encoders or lane.encoders).to_dict(), "found": counts.found},
+        signals=made.signals,
     )

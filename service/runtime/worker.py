@@ -301,7 +301,7 @@ class Worker(threading.Thread):
             arrived=self._arrived,
             timed=self.timed,
         )
-        lanes.forget = windows.forget_waiting
+        lanes.forget = windows.drop_waiting
         spool = self._spool = Spool(windows, store, reception, lanes, storage, backlog_limits(self._settings))
         restore(lanes, store, windows, known)
         watch = StalenessWatch(table, sink, staleness_limits(self._settings))
@@ -467,6 +467,7 @@ def restore(
             report=stored.report,
             assembly=stored.assembly,
             quality=stored.quality,
+            making=stored.making or {},
             question=stored.question,
             shed=stored.fault_totals.get((*LEFT_OUT, "refused"), (0, 0))[1],
         )

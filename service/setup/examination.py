@@ -13,8 +13,9 @@ import numpy as np
 from service.errors import InputError
 from service.files.rig import checked_rig, expected_channels, load_rig
 from service.setup.abilities import Ability, Equipment, abilities, equipment_of_rig, one_more
-from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording
+from service.stream.windows import Windows
 from service.stream.wire.topics import PREFIX
 from twin.errors import TwinError
 from twin.features.extract import extract
@@ -89,11 +90,11 @@ def _rig_of(mapping: dict[str, Any] | None, rig_path: Path | None, path: Path) -
 
 
 def _windows(recording: Recording, asset: str, assembly: AssemblySettings) -> Iterator[Window]:
-    assembler = Assembler(assembly)
-    for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):
+    windows = Windows(assembly)
+    for frame in recording.frames(lambda channel, _: windows.count(channel.label, "invalid")):
         if frame.channel.asset == asset:
-            yield from assembler.add(frame)
-    yield from assembler.flush()
+            yield from windows.add(frame)
+    yield from windows.flush()
 
 
 def _of_rig(rig: Rig, rig_path: Path) -> Examination:

@@ -19,6 +19,7 @@ from service.signals.subject import Modelling, Subject
 from service.signals.view import View, ViewOptions
 from service.signals.views import VIEWS
 from service.signals.waterfall import Row, Waterfall, row_of, waterfall
+from service.stream.window import laid_out
 from twin.errors import NotAvailable, TwinError
 from twin.features.window_features import WindowFeatures
 from twin.rig import Rig
@@ -83,14 +84,18 @@ class Library:
         self, asset: str, channel: str | None, name: str, *, rows: int, bins: int, high: float | None
     ) -> Waterfall:
         """Spectra of the windows that are kept, one a row; NotAvailable where there are none."""
-        kept = [w for w in self.kept(asset) if not w.refused]
+        kept, rig = [w for w in self.kept(asset) if not w.refused], self._rig(asset)
+
+        def as_it_came(window: KeptWindow) -> Subject:  # examining instruments takes longer than all else together
+            found = self._signals.window(asset, window.number, rig, self._store, laid_out)
+            return Subject(asset=asset, index=window.number, window=found, rig=rig)
 
         def row(window: KeptWindow) -> Row | str:
             key = (asset, window.number, window.start_ns, channel, name)
             with self._lock:
-                return self._rows.get(key, lambda: row_of(self.subject(asset, window.number, False), channel, name))
+                return self._rows.get(key, lambda: row_of(as_it_came(window), channel, name))
 
-        return waterfall(kept, row, name, rows=rows, bins=bins, high=high, rig=self._rig(asset))
+        return waterfall(kept, row, name, rows=rows, bins=bins, high=high, rig=rig)
 
     def _rig(self, asset: str) -> Rig:
         snapshot = self._board.get(asset)
@@ -102,7 +107,8 @@ class Library:
         return None if snapshot is None else (snapshot.windows_total, snapshot.last_event_id)
 
     def _subject(self, asset: str, index: int, modelled: bool) -> Subject:
-        window, rig = self._signals.window(asset, index), self._rig(asset)
+        rig = self._rig(asset)
+        window = self._signals.window(asset, index, rig, self._store)
         model: Modelling | None = None
         why = ""
         if modelled:

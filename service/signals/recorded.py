@@ -8,16 +8,18 @@ from typing import Any
 
 from service.errors import FrameError, InputError
 from service.files.recorded_rig import choose_asset, rig_of
-from service.files.rig import assembly_for, window_of_rig
+from service.files.rig import assembly_for
 from service.results.jobs import Job
 from service.runtime.outcomes import Outcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import gear_twin
 from service.signals.modelled import modelling
 from service.signals.subject import Subject
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.frames import Frame
 from service.stream.sources.mcap import Recording
+from service.stream.window import by_sound_instruments
+from service.stream.windows import Windows
 from service.stream.wire.topics import Channel
 from twin.rig import Rig
 from twin.windows import Window
@@ -65,17 +67,15 @@ def recorded_subject(
                 break
     if last is None or index not in (-1, last[0]):
         raise _no_window(path, index, 0 if last is None else last[0] + 1)
-    return Subject(asset=asset, index=last[0], window=window_of_rig(rig, last[1]), rig=rig)
+    return Subject(asset=asset, index=last[0], window=by_sound_instruments(rig, last[1]), rig=rig)
 
 
 def _windows(frames: Iterable[Frame], rig: Rig, assembly: AssemblySettings) -> Iterator[Window]:
-    """The windows of frames, as the twin would get them."""
-    assembler = Assembler(assembly_for(rig, assembly))
+    """The windows of frames, before their instruments are examined."""
+    windows = Windows(assembly_for(rig, assembly))
     for frame in frames:
-        for window, _ in assembler.assemble(frame, None):
-            yield window
-    for window, _ in assembler.finish():
-        yield window
+        yield from windows.add(frame)
+    yield from windows.flush()
 
 
 def _assessed(

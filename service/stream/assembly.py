@@ -1,15 +1,15 @@
-"""Frames in, whole windows out: a function of the set of frames, whatever their order within patience.
+"""Frames in, the frames of whole windows out: a function of the set of frames, whatever their order within patience.
 
-    windows = assembler.add(frame)
-    windows = assembler.flush()       at the end of a file, or when a stream falls silent
+    for segment, resume in assembler.assemble(frame): ...
+    for segment, resume in assembler.finish(): ...       at the end of a file, or when a stream falls silent
 
 Frames come in bursts: a pause on all channels ends a window. A stream without a break is cut at
 multiples of the window length on the Unix clock, where at least one length lies on either side, so that
 any delivery of the same frames gives the same cuts and no burst shorter than two lengths is cut.
 
 No clock of its own, no threads: who adds frames may say what the host's clock shows. Keys are put in order one by one
-(`order`), merged in time as far as every key is known to be complete, and laid out as windows (`window`). A clock that
-has been set is detected, and the asset's windows go on at the new time (`clock`).
+(`order`), merged in time as far as every key is known to be complete, and divided into windows, which `window` lays
+out. A clock that has been set is detected, and the asset's windows go on at the new time (`clock`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from typing import Any
 from service.stream import order
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.clock import Contradictions, said
-from service.stream.edge_counts import EncoderCounts
 from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
 from service.stream.left_out import LeftOut, Missing
@@ -31,15 +30,18 @@ from service.stream.pieces import Piece, size_of, split_index
 from service.stream.position import ChannelPosition, Position, earliest, missing_of
 from service.stream.repeats import Repeats
 from service.stream.samples import MOST_SAMPLES, Span
+from service.stream.segment import Segment
 from service.stream.slow import SlowChannels
 from service.stream.timeline import Timeline
-from service.stream.window import build_window
 from twin.rig import Rig
-from twin.windows import Fault, Window
+from twin.windows import Fault
 
 MOST_CHANNELS = 256  # of one asset; frames of further ones are counted and left out ...
 OTHER_CHANNELS = "other channels"  # ... under this name
 _SILENT_AFTER = 4  # times the patience: frames of other keys after which one that sends nothing is not waited for
+
+Closed = tuple[Segment, dict[str, Any]]
+"""The frames of a window that has closed, and what a restart needs to go on after it: `to_dict` as of then."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,19 +89,10 @@ class Assembler:
         self.last_arrival_ns: int | None = None  # host's clock when the newest frame came, Unix time [ns]
         self._closed_until = 0  # frames that end before this time come too late [ns]
         self._known: set[str] = set()  # channels of the windows so far
-        self._counts = EncoderCounts()
         self._consumed: dict[str, tuple[int, int, int]] = {}  # sequence, start, end of the last frame in a window
 
-    def add(self, frame: Frame, now_ns: int | None = None) -> list[Window]:
-        """Takes one frame in; answers the windows that it completes, in time order."""
-        return [window for window, _ in self.assemble(frame, now_ns)]
-
-    def flush(self) -> list[Window]:
-        """Closes everything that waits; what is missing is declared lost."""
-        return [window for window, _ in self.finish()]
-
-    def assemble(self, frame: Frame, now_ns: int | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
-        """As `add`, each window with the resume state that goes with it.
+    def assemble(self, frame: Frame, now_ns: int | None = None) -> Iterator[Closed]:
+        """Takes one frame in; answers the windows that it completes, in time order, each with its resume state.
 
         now_ns  what the host's clock shows, Unix time [ns]; None where it has nothing to do with the frames
         """
@@ -140,8 +133,8 @@ class Assembler:
         """The frame of a frame's time and number that is yet to be used."""
         return lane.held(frame) or (None if self._open is None else self._open.held(frame))
 
-    def finish(self) -> Iterator[tuple[Window, dict[str, Any]]]:
-        """As `flush`, each window with the resume state that goes with it."""
+    def finish(self) -> Iterator[Closed]:
+        """Closes everything that waits; what is missing is declared lost."""
         held, lanes = self._contradictions.held, self._lanes.values()
         if held and (self.recorded or not any(lane.last or lane.queue for lane in lanes)):  # nothing else will come
             yield from self._resynchronise(None)
@@ -168,7 +161,7 @@ class Assembler:
         if starts := [each.start_ns for each in newest.values()]:
             self._left_out.add(Missing(min(starts), max(starts) + 1, dict.fromkeys(newest, 1), cause))
 
-    def _refuse_left_out(self, until: float) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _refuse_left_out(self, until: float) -> Iterator[Closed]:
         """The stretches before a time that have touched no window, as refused windows."""
         for span in self._left_out.alone(until, self._closed_until):
             self._open = OpenWindow(*span, {})
@@ -257,7 +250,6 @@ class Assembler:
         return {
             "closed_until_ns": self._closed_until,
             "channels": sorted(self._known),
-            **self._counts.to_dict(),
             "slow": self._slow.to_dict(),
             "marks": self.repeats.to_dict(),
             "timelines": {label: lane.timeline.to_dict() for label, lane in self._lanes.items()},
@@ -276,7 +268,6 @@ class Assembler:
         self = cls(settings)
         self._closed_until = int(data["closed_until_ns"])
         self._known = set(data["channels"])
-        self._counts = EncoderCounts.from_dict(data)
         self.counters = {label: dict(kinds) for label, kinds in data["counters"].items()}
         self.left_out = Counter(data["left_out"])
         self._slow = SlowChannels.from_dict(data["slow"])
@@ -329,7 +320,7 @@ class Assembler:
         else:
             self.used(frame)
 
-    def _advance(self, label: str, lane: order.Lane) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _advance(self, label: str, lane: order.Lane) -> Iterator[Closed]:
         """What a frame put in order completes."""
         lane.silent = False
         self._release(label, lane)
@@ -372,7 +363,7 @@ class Assembler:
                     frame, "none", f"frame left out: its time {said(frame.start_time_ns)} contradicts the others"
                 )
 
-    def _resynchronise(self, now_ns: int | None) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _resynchronise(self, now_ns: int | None) -> Iterator[Closed]:
         """Closes what is open, and goes on at the time of the frames held, whose clock has been set."""
         frames = self._contradictions.clear()
         before = max(self._closed_until, *(x.last[2] for x in self._lanes.values() if x.last), 0)
@@ -399,7 +390,7 @@ class Assembler:
         count = self._noted[label].count + 1 if label in self._noted else 1
         self._noted[label] = Fault(kind=order.CLOCK, channel=label, count=count, action=action, detail=detail)
 
-    def _force(self) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _force(self) -> Iterator[Closed]:
         """Lets everything go that waits, without regard to what may be missing."""
         for label, lane in self._lanes.items():
             self._release(label, lane, force=True)
@@ -411,7 +402,7 @@ class Assembler:
         if backlog >= _SILENT_AFTER * self.settings.patience:
             self.wait_only_for(label for label, lane in self._lanes.items() if lane.released)
 
-    def _merge(self, known: float | None = None) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _merge(self, known: float | None = None) -> Iterator[Closed]:
         """Takes released frames in time order as far as every key is complete, or up to a given time [ns]."""
         if known is None:
             known = min((x.watermark for x in self._lanes.values() if not x.silent), default=float("inf"))
@@ -423,7 +414,7 @@ class Assembler:
             frame, lost = self._lanes[label].take()
             yield from self._place(label, frame, lost)
 
-    def _place(self, label: str, frame: Frame, lost: int) -> Iterator[tuple[Window, dict[str, Any]]]:
+    def _place(self, label: str, frame: Frame, lost: int) -> Iterator[Closed]:
         """Puts one frame into the window in progress, after closing what it shows to be over."""
         begin, size = split_index(frame, self._closed_until), size_of(frame)
         late = frame.end_time_ns <= self._closed_until if size else frame.start_time_ns < self._closed_until
@@ -452,7 +443,7 @@ class Assembler:
                 return
             yield self._close(cut, cut=True)
 
-    def _close(self, end: int, *, cut: bool) -> tuple[Window, dict[str, Any]]:
+    def _close(self, end: int, *, cut: bool) -> Closed:
         """The window in progress up to its end; what a cut leaves over opens the next."""
         current = self._open
         assert current is not None
@@ -483,14 +474,13 @@ class Assembler:
         longest = max((p.frame.end_time_ns - p.frame.start_time_ns for parts in now.values() for p in parts), default=0)
         faults += self._left_out.faults(span, 0 if current.continued else gap, 0 if cut else gap, longest)
         slow = self._slow.at(span, faults)
-        window = build_window(span, now, self._known, self._counts.counted, slow, faults, self.settings.rig, most)
-        window = self._counts.follow(window, self.settings.rig)
-        for (label, kind), number in totals(window.faults).items():
-            if kind not in ("gap", "shed", "left_out", order.CLOCK, order.CONFLICT):
-                self.count(label, kind, number)
+        known = tuple(sorted(self._known))
+        segment = Segment(span=span, pieces=now, known=known, slow=slow, faults=tuple(faults), most=most)
+        for (label, kind), number in totals(faults).items():
+            self.count(label, kind, number)
         self._known |= set(now)
         self._closed_until = end
         self._left_out.forget(end - gap, round(LENGTH_LIMITS[1] * NS))
         left = sum(piece.frame.nbytes for pieces in rest.values() for piece in pieces)
         self._open = OpenWindow(end, current.end, rest, left, continued=True) if cut else None
-        return window, self.to_dict()
+        return segment, self.to_dict()

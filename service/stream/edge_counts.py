@@ -34,7 +34,7 @@ KIND = "edge_count"
 
 @dataclass(slots=True)
 class EncoderCounts:
-    """The counts of an asset's encoders from window to window; what a restart needs of it is in `to_dict`."""
+    """The counts of an asset's encoders by the end of a window; what the making of the next one needs of it."""
 
     counted: dict[str, int] = field(default_factory=dict)  # edges by the end of the last window, by channel
     moved: dict[str, int] = field(default_factory=dict)  # lines that the count of an encoder at fault is moved by
@@ -52,14 +52,21 @@ class EncoderCounts:
     def from_dict(cls, data: Mapping[str, Any]) -> EncoderCounts:
         lost = data.get("edges_lost", {})
         return cls(
-            counted={label: int(count) for label, count in data["edges_counted"].items()},
+            counted={label: int(count) for label, count in data.get("edges_counted", {}).items()},
             moved={shaft: int(n) for shaft, n in lost.get("moved", {}).items()},
             line={shaft: int(n) for shaft, n in lost.get("line", {}).items()},
             mean=data.get("counts_apart"),
         )
 
-    def follow(self, window: Window, rig: Rig | None) -> Window:
-        """The window with its encoders' counts put right and what was found among its faults; else itself."""
+    def followed(self, window: Window, rig: Rig | None) -> tuple[Window, EncoderCounts]:
+        """The window that comes next with its encoders' counts put right, and the counts by its end.
+
+        What was found is among its faults; where nothing was, it is the same window.
+        """
+        after = replace(self, counted=dict(self.counted), moved=dict(self.moved), line=dict(self.line))
+        return after._follow(window, rig), after
+
+    def _follow(self, window: Window, rig: Rig | None) -> Window:
         self._count(window)
         found = {shaft: counts_put_right(edges) for shaft, edges in window.encoders.items()}
         wrong = {shaft: counts for shaft, counts in found.items() if counts is not None}

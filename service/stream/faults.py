@@ -17,6 +17,7 @@ GRADES = {
     "refused": "refused",
 }  # of a window, by action
 _SEVERITY = tuple(GRADES)
+_OF_FRAMES = {"gap", "shed", "left_out", "clock", "conflict"}
 REPAIRABLE = 0.2  # share of a channel that may be missing before its window is degraded
 
 
@@ -32,8 +33,9 @@ def by_share(share: float) -> str:
 
 
 def totals(faults: Iterable[Fault]) -> dict[tuple[str, str], int]:
-    """Counts by (channel, kind)."""
+    """Counts by (channel, kind), but for kinds whose frames are counted one by one."""
     out: dict[tuple[str, str], int] = {}
     for fault in faults:
-        out[fault.channel, fault.kind] = out.get((fault.channel, fault.kind), 0) + fault.count
+        if fault.kind not in _OF_FRAMES:
+            out[fault.channel, fault.kind] = out.get((fault.channel, fault.kind), 0) + fault.count
     return out

@@ -31,6 +31,7 @@ class SampleFrame:
     sample_rate: float  # [Hz]
     values: np.ndarray  # (n,) float32
     end_time_ns: int = field(init=False)  # one sample after the last [ns]; of a slow channel, of the last
+    payload: bytes | None = field(init=False, default=None)  # as it came, which the values lie in
 
     def __post_init__(self) -> None:
         _check_head(self.channel, self.start_time_ns, self.sequence)
@@ -72,6 +73,7 @@ class EncoderFrame:
     first_edge_index: int  # edges counted before this frame's first, since the gears were new
     edge_offsets_ns: np.ndarray  # (n,) float64, after start_time_ns [ns]
     end_time_ns: int = field(init=False)  # of the last edge [ns]; the frame's start where no edge passed
+    payload: bytes | None = field(init=False, default=None)  # as it came, which the edges lie in
 
     def __post_init__(self) -> None:
         _check_head(self.channel, self.start_time_ns, self.sequence)

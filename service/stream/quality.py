@@ -19,10 +19,16 @@ class Quality:
         default_factory=lambda: dict.fromkeys(("good", "repaired", "degraded", "refused"), 0)
     )
     faults: list[dict[str, Any]] = field(default_factory=list)
+    found: dict[str, dict[str, int]] = field(default_factory=dict)  # in the making of windows, by channel and kind
 
-    def note_window(self, index: int, window: Window, grade: str) -> list[dict[str, Any]]:
-        """Counts one window; answers its faults as JSON-safe data."""
+    def note_window(
+        self, index: int, window: Window, grade: str, found: Mapping[tuple[str, str], int]
+    ) -> list[dict[str, Any]]:
+        """Counts one window, with what its making has found; answers its faults as JSON-safe data."""
         self.windows[grade] = self.windows.get(grade, 0) + 1
+        for (label, kind), number in found.items():
+            kinds = self.found.setdefault(label, {})
+            kinds[kind] = kinds.get(kind, 0) + number
         faults = [{"window": index, **fault_json(fault)} for fault in window.faults]
         self.faults = [*self.faults, *faults][-_RECENT:]
         return faults
@@ -33,21 +39,34 @@ class Quality:
         self.faults = [*self.faults, {"window": None, **fault_json(fault)}][-_RECENT:]
 
     def to_dict(self, counters: Mapping[str, Mapping[str, int]], expected: Iterable[str] = ()) -> dict[str, Any]:
-        """The section `data_quality` of the answer."""
+        """The section `data_quality` of the answer.
+
+        counters  what was counted of frames, by channel and kind
+        """
+        channels = {label: dict(kinds) for label, kinds in counters.items()}
+        for label, found in self.found.items():
+            kinds = channels.setdefault(label, {})
+            kinds |= {kind: kinds.get(kind, 0) + number for kind, number in found.items()}
         return {
             "windows": dict(self.windows),
-            "channels": {label: dict(kinds) for label, kinds in sorted(counters.items())},
+            "channels": dict(sorted(channels.items())),
             "missing_channels": sorted(label for label in expected if not counters.get(label, {}).get("frames")),
             "faults": [dict(fault) for fault in self.faults],
         }
 
     def copy(self) -> Quality:
         """Counts of their own, equal to these."""
-        return replace(self, windows=dict(self.windows), faults=list(self.faults))
+        found = {label: dict(kinds) for label, kinds in self.found.items()}
+        return replace(self, windows=dict(self.windows), faults=list(self.faults), found=found)
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Quality:
-        return cls(windows=dict(data["windows"]), faults=[dict(fault) for fault in data["faults"]])
+    def from_dict(cls, data: Mapping[str, Any], found: Mapping[str, Mapping[str, int]]) -> Quality:
+        """From the section of an answer, and what was found in the making of windows."""
+        return cls(
+            windows=dict(data["windows"]),
+            faults=[dict(fault) for fault in data["faults"]],
+            found={label: dict(kinds) for label, kinds in found.items()},
+        )
 
 
 def fault_json(fault: Fault) -> dict[str, Any]:

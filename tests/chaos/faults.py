@@ -102,7 +102,7 @@ def window_flip(run: Run, fault: Fault) -> None:
     """Bits of a window's file change between two starts: that window is refused with the reason, or used as it was."""
     rng = random.Random(f"window {run.schedule.seed} {run.schedule.number} {fault.at}")
     run.kill_service()
-    files = sorted(p for p in run.data.rglob("*.npz") if p.stat().st_size)
+    files = sorted(p for p in run.data.rglob("*.mcap") if p.stat().st_size)
     waiting = [p for p in files if "waiting" in p.parts] or files
     if waiting:
         flip(rng.choice(waiting), rng)

@@ -164,24 +164,26 @@ def _positions() -> tuple[Callable[[bytes], None], list[bytes]]:
 def _windows() -> tuple[Callable[[bytes], None], list[bytes]]:
     import numpy as np
 
-    from service.results.window_file import read_window, write_window
-    from twin.windows import Edges, Samples, Window
+    from service.results.segment_file import read_segment, write_segment
+    from service.stream.frames import SampleFrame
+    from service.stream.pieces import Piece
+    from service.stream.samples import Span
+    from service.stream.segment import Segment
+    from service.stream.wire.topics import Channel
 
-    path = Path(tempfile.mkdtemp()) / "window.npz"
-    write_window(
-        path,
-        Window(
-            start_time_ns=10**18,
-            accelerations={"y6": Samples(rate=2000.0, start=0.0, values=np.arange(400.0))},
-            encoders={"pinion": Edges(per_rev=64, first_index=0, times=np.arange(128) / 640)},
-        ),
-    )
+    path = Path(tempfile.mkdtemp()) / "window.mcap"
+    frame = SampleFrame(
+        channel=Channel("a", "accel", "y6"), start_time_ns=10**18, sequence=0, sample_rate=2000.0,
+        values=np.arange(400, dtype=np.float32),
+    )  # fmt: skip
+    pieces = {"accel/y6": [Piece(frame, 0, 300, 1)]}
+    write_segment(path, Segment(span=Span(frame.start_time_ns, frame.end_time_ns), pieces=pieces))
 
     def take(data: bytes) -> None:
         path.write_bytes(data)
         try:
-            read_window(path)
-        except (OSError, ValueError, KeyError):
+            read_segment(path)
+        except (OSError, ValueError):
             return
 
     return take, [path.read_bytes()]

@@ -191,13 +191,13 @@ def test_a_wrong_number_of_teeth_is_no_lost_count():
 
 def test_a_sound_window_stays_the_very_same(rig):
     counts, given = EncoderCounts(), window(pair())
-    assert counts.follow(given, rig) is given
+    assert counts.followed(given, rig)[0] is given
 
 
 def test_a_window_put_right_is_degraded_and_says_which_encoder_and_how_often(rig):
     encoders = pair()
     struck = struck_edges(encoders["pinion"], 11, 0.4)
-    out = EncoderCounts().follow(window(encoders | {"pinion": without(encoders["pinion"], struck)}), rig)
+    out = EncoderCounts().followed(window(encoders | {"pinion": without(encoders["pinion"], struck)}), rig)[0]
     assert out.quality == "degraded" and [f.channel for f in out.faults] == ["encoder/pinion"]
     assert f"{struck.size} lost at one line of the disc, in {struck.size} of" in out.faults[0].detail
     assert out.encoders["gear"] is encoders["gear"]
@@ -206,7 +206,7 @@ def test_a_window_put_right_is_degraded_and_says_which_encoder_and_how_often(rig
 def test_a_single_encoder_is_put_right_by_its_own_intervals():
     whole = sound(1024)
     struck = struck_edges(whole, 11, 0.4)
-    out = EncoderCounts().follow(window({"pinion": without(whole, struck)}), None)
+    out = EncoderCounts().followed(window({"pinion": without(whole, struck)}), None)[0]
     assert out.quality == "degraded" and out.encoders["pinion"].times.size == whole.times.size
 
 
@@ -219,16 +219,16 @@ def slipped(edges, lines):
 def test_counts_that_vanish_without_a_trace_refuse_the_window_where_the_teeth_forbid_it(rig):
     encoders = pair()
     lost = window(encoders | {"gear": slipped(encoders["gear"], 12)})
-    out = EncoderCounts().follow(lost, rig)
+    out = EncoderCounts().followed(lost, rig)[0]
     assert out.quality == "refused" and "drift apart" in out.faults[0].detail
     few = window(encoders | {"gear": slipped(encoders["gear"], 1)})
-    assert EncoderCounts().follow(few, rig) is few  # less than backlash and deflection
+    assert EncoderCounts().followed(few, rig)[0] is few  # less than backlash and deflection
 
 
 @pytest.mark.parametrize("shaft", ["pinion", "gear"])
 def test_the_count_goes_on_from_the_window_before_by_the_other_encoder(rig, shaft):
     counts, encoders = EncoderCounts(), pair()
-    counts.follow(window(encoders), rig)
+    _, counts = counts.followed(window(encoders), rig)
     for lost_before in (0, 40, 700):
         counts = EncoderCounts.from_dict(counts.to_dict())  # a restart
         later = {
@@ -239,7 +239,7 @@ def test_the_count_goes_on_from_the_window_before_by_the_other_encoder(rig, shaf
         raw = without(later[shaft], struck)
         raw = replace(raw, first_index=raw.first_index - lost_before)
         encoders = later
-        out = counts.follow(window(later | {shaft: raw}), rig)
+        out, counts = counts.followed(window(later | {shaft: raw}), rig)
         assert out.encoders[shaft].first_index == later[shaft].first_index
 
 
@@ -249,7 +249,7 @@ def test_the_count_of_a_single_encoder_goes_on_by_the_struck_line():
     for turns, lost_before in ((0, 0), (3000, 60), (6000, 130)):
         later = replace(whole, first_index=whole.first_index + turns * 1024)
         raw = without(later, struck_edges(later, 11, 0.4))
-        out = counts.follow(window({"pinion": replace(raw, first_index=raw.first_index - lost_before)}), None)
+        out, counts = counts.followed(window({"pinion": replace(raw, first_index=raw.first_index - lost_before)}), None)
         first.append((out.encoders["pinion"].first_index - later.first_index) % 1024)
     assert first == [0, 0, 0]
 
@@ -257,20 +257,22 @@ def test_the_count_of_a_single_encoder_goes_on_by_the_struck_line():
 def test_with_a_wrong_number_of_teeth_no_count_is_moved_by_the_other_encoder():
     wrong = Rig.from_mapping({"gears": {"pinion": {"teeth": 19}, "gear": {"teeth": 53}}})
     counts, encoders = EncoderCounts(), pair()
-    counts.follow(window(encoders), wrong)
+    _, counts = counts.followed(window(encoders), wrong)
     lost = without(encoders["gear"], struck_edges(encoders["gear"], 11, 0.4))
     lost = replace(lost, first_index=lost.first_index + 2048 * 19)
     later = {
         "pinion": replace(encoders["pinion"], first_index=encoders["pinion"].first_index + 1024 * 52),
         "gear": lost,
     }
-    out = counts.follow(window(later), wrong)
+    out, counts = counts.followed(window(later), wrong)
     assert out.quality == "degraded" and out.encoders["gear"].first_index == lost.first_index
 
 
 def test_a_counter_that_begins_again_ends_what_is_known_of_its_faults(rig):
     counts, encoders = EncoderCounts(), pair()
     struck = struck_edges(encoders["pinion"], 11, 0.4)
-    counts.follow(window(encoders | {"pinion": without(encoders["pinion"], struck)}), rig)
+    _, counts = counts.followed(window(encoders | {"pinion": without(encoders["pinion"], struck)}), rig)
     again = window({name: replace(e, first_index=0) for name, e in encoders.items()})
-    assert counts.moved and counts.follow(again, rig) is again and not counts.moved
+    assert counts.moved
+    same, counts = counts.followed(again, rig)
+    assert same is again and not counts.moved

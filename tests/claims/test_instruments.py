@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.scoring import windows_of
-from service.files.rig import window_of_rig
+from service.stream.window import by_sound_instruments
 from tests.instrument_faults import KINDS, bursts, clock, loose_cable, lost
 from twin.features.extract import extract
 from twin.windows import Samples, Window
@@ -27,14 +27,14 @@ def campaign():
 @pytest.mark.parametrize("name", ["short", "faulty", "paper"])
 def test_sound_instruments_are_left_alone(name):
     rig, windows = windows_of(RECORDINGS / f"{name}-campaign.mcap")
-    assert [f for w in windows[:12] for f in window_of_rig(rig, w).faults] == []
+    assert [f for w in windows[:12] for f in by_sound_instruments(rig, w).faults] == []
 
 
 @pytest.mark.parametrize("kind, i", [(kind, i) for kind in NAMED for i in range(1, 4)])
 def test_a_fault_of_an_instrument_is_named_and_nothing_else_is(campaign, kind, i):
     rig, windows = campaign
     for number in (3, 5, 7):
-        found = window_of_rig(rig, KINDS[kind][i](windows[number], np.random.default_rng(number)))
+        found = by_sound_instruments(rig, KINDS[kind][i](windows[number], np.random.default_rng(number)))
         assert {f.kind for f in found.faults} == {NAMED[kind]}
         assert found.quality in ("repaired", "degraded")
 
@@ -43,7 +43,7 @@ def test_a_fault_of_an_instrument_is_named_and_nothing_else_is(campaign, kind, i
 def test_the_rate_of_a_clock_is_told_and_its_lines_are_put_right(campaign, ppm):
     rig, windows = campaign
     spoiled = clock(ppm)(windows[5], np.random.default_rng(0))
-    found = window_of_rig(rig, spoiled)
+    found = by_sound_instruments(rig, spoiled)
     (sensor,) = found.accelerations.values()
     assert sensor.rate / 12800.0 - 1 == pytest.approx(ppm * 1e-6, abs=12e-6)
     right, wrong = (_distance(rig, windows[5], w) for w in (found, spoiled))
@@ -54,21 +54,21 @@ def test_the_rate_of_a_clock_is_told_and_its_lines_are_put_right(campaign, ppm):
 def test_lines_beside_lost_samples_are_those_of_the_whole_record(campaign, blocks):
     rig, windows = campaign
     spoiled = lost(*blocks)(windows[5], np.random.default_rng(2))
-    right, wrong = (_distance(rig, windows[5], w) for w in (window_of_rig(rig, spoiled), spoiled))
+    right, wrong = (_distance(rig, windows[5], w) for w in (by_sound_instruments(rig, spoiled), spoiled))
     assert right < 0.05 and right < 0.2 * wrong
 
 
 def test_several_losses_in_one_window_leave_its_lines_nearly_whole(campaign):
     rig, windows = campaign
     spoiled = lost(64, 300)(windows[5], np.random.default_rng(3))
-    right, wrong = (_distance(rig, windows[5], w) for w in (window_of_rig(rig, spoiled), spoiled))
+    right, wrong = (_distance(rig, windows[5], w) for w in (by_sound_instruments(rig, spoiled), spoiled))
     assert right < 0.3 * wrong
 
 
 def test_the_level_beside_bursts_is_that_without_them(campaign):
     rig, windows = campaign
     spoiled = bursts(9, 20.0)(windows[5], np.random.default_rng(4))
-    sound, found, wrong = (extract(rig, w).rms for w in (windows[5], window_of_rig(rig, spoiled), spoiled))
+    sound, found, wrong = (extract(rig, w).rms for w in (windows[5], by_sound_instruments(rig, spoiled), spoiled))
     assert found == pytest.approx(sound, rel=0.03) and wrong > 1.5 * sound
 
 
@@ -76,7 +76,7 @@ def test_the_level_beside_bursts_is_that_without_them(campaign):
 def test_the_level_beside_a_loose_cable_is_that_without_it(campaign, digit):
     rig, windows = campaign
     spoiled = loose_cable(30, 2e-3, 6e-3, digit)(windows[5], np.random.default_rng(4))
-    sound, found, wrong = (extract(rig, w).rms for w in (windows[5], window_of_rig(rig, spoiled), spoiled))
+    sound, found, wrong = (extract(rig, w).rms for w in (windows[5], by_sound_instruments(rig, spoiled), spoiled))
     assert found == pytest.approx(sound, rel=0.03) and wrong < 0.96 * sound
 
 
@@ -92,7 +92,7 @@ def test_blows_that_die_away_below_the_last_digit_have_not_lost_contact(campaign
         return replace(s, values=q * np.rint(np.std(s.values) / q * np.exp(-decay * late) * np.sin(7000 * late)))
 
     quiet = replace(w, accelerations={n: blows(s) for n, s in w.accelerations.items()})
-    assert "lost_contact" not in {f.kind for f in window_of_rig(rig, quiet).faults}
+    assert "lost_contact" not in {f.kind for f in by_sound_instruments(rig, quiet).faults}
 
 
 def test_impacts_once_a_turn_that_reach_the_torque_meter_are_the_machines(campaign):
@@ -114,7 +114,7 @@ def test_impacts_once_a_turn_that_reach_the_torque_meter_are_the_machines(campai
         torques={n: struck(s) for n, s in w.torques.items()},
         encoders=w.encoders,
     )
-    assert "interference" not in {f.kind for f in window_of_rig(rig, impacts).faults}
+    assert "interference" not in {f.kind for f in by_sound_instruments(rig, impacts).faults}
 
 
 def _distance(rig, window: Window, other: Window) -> float:

@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from service.files.rig import expected_channels, window_of_rig
+from service.files.rig import expected_channels
+from service.stream.window import by_sound_instruments
 from tests.mesh_pairs import UNSW_RIG
 from twin.dynamics.structure import Structure
 from twin.errors import ParameterError
@@ -130,7 +131,7 @@ def outputs(rig):
         deepest(rig, 0.0),
         windows_at(rig),
         expected_channels(rig),
-        window_of_rig(rig, encoder_window()).faults,
+        by_sound_instruments(rig, encoder_window()).faults,
         rig.mesh_stiffness_source,
         rig_notes(rig),
     )

@@ -21,6 +21,7 @@ from twin.fallen_count import CountFellError
 FALL = 150.0  # turns of the pinion by which a count must fall to raise the question
 JOINED = 0.5  # how long channels that nobody knows of are awaited by services of the tests: there are none [s]
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
+DISK = os.environ.get("FAKE_TWIN_DISK", "")  # a pipe: while it is there, the folder of waiting windows does not answer
 
 
 @dataclass(frozen=True)
@@ -164,4 +165,15 @@ TWIN = Twin(
 if __name__ == "__main__":  # the service is not imported before: worker processes import this file
     from one_partition import serve
 
+    from service.results import window_jobs
+
+    def sync_folder(folder, real=window_jobs.sync_folder):
+        """Waits for a disk that does not answer: a pipe that nobody reads."""
+        if DISK and os.path.exists(DISK):
+            with open(DISK, "wb"):
+                real(folder)
+        else:
+            real(folder)
+
+    window_jobs.sync_folder = sync_folder
     serve(TWIN, JOINED)

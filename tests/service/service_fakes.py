@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
+from segments import segment_of
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
@@ -30,7 +31,9 @@ from twin.windows import Edges, Window
 START_NS = 1_700_000_000_000_000_000
 SHARE = {"combined": 1.0, "pinion": 0.7324, "gear": 0.2676}
 END_OF_LIFE_UM = 500.0
-WINDOW = Window(start_time_ns=7, encoders={"pinion": Edges(per_rev=1, first_index=0, times=np.arange(5.0))})
+SEGMENT = segment_of(
+    Window(start_time_ns=7, encoders={"pinion": Edges(per_rev=1, first_index=0, times=np.arange(5.0))})
+)
 
 
 def depth_um(revolutions: float) -> float:
@@ -304,7 +307,8 @@ def fill(store: SqlStore, data: Path) -> None:
     inspect(store, "unsw", {"revolutions": 10.0}, {})
     jobs_of(store).add("unsw", "retired", {"by": "Anna"})
     Names(store.database).rename("other", "spindle")
-    assert WindowJobs(store.database, data / WAITING).add_waiting("other", WINDOW)
+    life = WindowJobs(store.database, data / WAITING)
+    assert life.add_waiting("other", life.write(SEGMENT))
     baselines = BaselineStore(store.database, data / BASELINES)
     path = baselines.new_path()
     path.write_bytes(b"a baseline")

@@ -10,6 +10,7 @@ from functools import lru_cache
 import fake_twin
 import pytest
 from memory_transport import MemoryNetwork
+from segments import keep
 from service_streams import Service, SqliteFile, tables_of
 from sqlalchemy import update
 from test_baselines import recording
@@ -62,7 +63,7 @@ def with_windows(folder, grades=SOUND):
         store.keep_rig("bench", RIG)
         for i, (load, grade) in enumerate(zip(LOADS, grades, strict=True)):
             window = replace(bench(load, i), start_time_ns=START_NS + i * HOUR_NS)
-            signals.keep("bench", i, window)
+            keep(signals, "bench", i, window)
             store.commit(
                 "bench", window.start_time_ns, record={"index": i, "quality": grade, "start_time": ""}, state={},
                 report=None, assembly={}, quality={}, received_ns=1,

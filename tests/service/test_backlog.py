@@ -11,12 +11,13 @@ import fake_twin
 import numpy as np
 import pytest
 import service_fakes as fakes
+from segments import segment_of
 
 from service.errors import StorageUnavailable
 from service.results import window_jobs
+from service.results.segment_file import read_segment
 from service.results.store import StoredWindow
-from service.results.window_file import read_window, write_window
-from service.results.window_jobs import WindowJobs
+from service.results.window_jobs import WindowJobs, delete_file
 from service.runtime.computing import carry_out
 from service.runtime.lanes import SHED, Lanes
 from service.runtime.outcomes import ClosedWindow
@@ -66,8 +67,7 @@ class Committing:
         return isinstance(committed, StoredWindow)
 
     def publish(self, outcome):
-        if outcome.waited is not None:
-            self.life.delete_file(outcome.waited)
+        delete_file(outcome.file)
 
 
 @pytest.fixture
@@ -90,15 +90,15 @@ def parts(store, tmp_path):
 
 
 def closed(asset, number):
-    """A window of 32 kB in memory."""
+    """A window whose frames take 32 kB in memory."""
     rng = np.random.default_rng(number)
     window = Window(
         start_time_ns=10**18 + number * 10**10,
-        accelerations={"y6": Samples(rate=2000.0, start=0.0, values=rng.standard_normal(2048))},
-        torques={"pinion": Samples(rate=2000.0, start=0.0, values=np.full(2048, 10.0))},
+        accelerations={"y6": Samples(rate=2000.0, start=0.0, values=rng.standard_normal(4096))},
+        torques={"pinion": Samples(rate=2000.0, start=0.0, values=10.0 + rng.standard_normal(4096))},
         encoders={"pinion": Edges(per_rev=64, first_index=640 * number, times=np.arange(128) / 640)},
     )
-    return ClosedWindow(asset=asset, window=window, assembly=Assembler().to_dict())
+    return ClosedWindow(asset=asset, segment=segment_of(window, asset), assembly=Assembler().to_dict())
 
 
 def numbers(outcomes, refused):
@@ -111,7 +111,7 @@ def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_
     for number in range(8):
         p.add("a", number)
     assert numbers(p.sink.outcomes, refused=True) == [("a", 1), ("a", 2), ("a", 3), ("a", 4), ("a", 5)]
-    assert p.lanes.backlog("a") == 3 == len(list((p.tmp_path / "waiting").glob("*.npz")))
+    assert p.lanes.backlog("a") == 3 == len(list((p.tmp_path / "waiting").glob("*.mcap")))
     p.computing.carry_out()
     assert numbers(p.sink.outcomes, refused=False) == [("a", 0), ("a", 6), ("a", 7)]
     assert [o.index for o in p.sink.outcomes] == list(range(8)) and sum(lane.shed for lane in p.lanes.all()) == 5
@@ -119,7 +119,7 @@ def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_
     assert "more windows of the asset waited" in record["reason"] and record["faults"][0]["kind"] == SHED
     assert p.reception.quality("a")["windows"] == {"good": 3, "repaired": 0, "degraded": 0, "refused": 5}
     assert p.store.asset("a").fault_totals[SHED, "all", "refused"] == (5, 5)
-    assert not p.life.waiting("a") and not list((p.tmp_path / "waiting").glob("*.npz"))
+    assert not p.life.waiting("a") and not list((p.tmp_path / "waiting").glob("*.mcap"))
 
 
 def test_an_asset_that_floods_costs_no_other_a_window(parts):
@@ -146,14 +146,14 @@ def broken(*given, **named):
 
 
 def test_windows_wait_in_memory_within_a_bound_and_keep_their_order_and_place(parts, monkeypatch):
-    p = parts(memory_bytes=100 * KB)
+    p = parts(memory_bytes=110 * KB)
     keep = p.store.keep
     monkeypatch.setattr(p.store, "keep", broken)
     for number in range(6):
         p.add("a", number)
-    assert p.spool.unstored_from_ns("a") == 10**18 and p.spool.held_bytes <= 100 * KB
+    assert p.spool.unstored_from_ns("a") == 10**18 and p.spool.held_bytes <= 110 * KB
     assert p.lanes.backlog("a") == 0 and p.life.waiting("a") == () and "disk full" in p.storage.reason
-    assert not list((p.tmp_path / "waiting").glob("*.npz"))  # of no transaction
+    assert not list((p.tmp_path / "waiting").glob("*.mcap"))  # of no transaction
     monkeypatch.setattr(p.store, "keep", keep)
     assert not p.spool.retry()  # not yet
     p.clock[0] += 100
@@ -210,7 +210,7 @@ def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_
     assert numbers(p.sink.outcomes, refused=False) == [("a", 0)] and p.life.waiting("a") == ()
 
 
-@pytest.mark.parametrize("slow", ["write_window", "sync_folder"])
+@pytest.mark.parametrize("slow", ["write_segment", "sync_folder"])
 def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts, monkeypatch, slow):
     """A disk that took 6 s held up decisions, as the window's transaction was open meanwhile."""
     p, begun, go_on, real = parts(), threading.Event(), threading.Event(), getattr(window_jobs, slow)
@@ -233,21 +233,12 @@ def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts,
     assert p.spool.unstored_from_ns("a") is None
 
 
-def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_took_its_folder(
-    store, tmp_path, monkeypatch
-):
-    written = []
-
-    def noted(path, window):
-        written.append(path)
-        return write_window(path, window)
-
-    monkeypatch.setattr("service.results.window_jobs.write_window", noted)
-    life = WindowJobs(store.database, tmp_path / "waiting")
-    for number in range(2):
-        process = SimpleNamespace(getpid=lambda pid=number: pid)
-        monkeypatch.setattr("service.results.window_jobs.os", process)
-        with life.transaction():
-            assert life.add_waiting("a", closed("a", number).window)
-    assert len(set(written)) == 2 and {p.suffix for p in (tmp_path / "waiting").iterdir()} == {".npz"}
-    assert read_window(life.file_of(life.waiting("a")[1].id)).start_time_ns == closed("a", 1).window.start_time_ns
+def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_took_its_folder(store, tmp_path):
+    life, again = (WindowJobs(store.database, tmp_path / "waiting") for _ in range(2))
+    first, second = (each.write(closed("a", 0).segment) for each in (life, again))
+    assert first.path != second.path and first.bytes == second.bytes
+    assert life.add_waiting("a", second)
+    first.path.write_bytes(b"torn")
+    assert read_segment(life.path_of(life.waiting("a")[0])).start_ns == closed("a", 0).segment.start_ns
+    assert WindowJobs(store.database, tmp_path / "waiting").waiting("a")  # a start deletes what nothing names
+    assert list((tmp_path / "waiting").iterdir()) == [second.path]

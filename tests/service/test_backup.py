@@ -23,9 +23,10 @@ from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, DATABASE, SIGNALS, WAITING, only_service_of
 from service.results.jobs import Jobs
 from service.results.names import Names
+from service.results.segment_file import read_segment
 from service.results.sql_store import SqlStore
-from service.results.window_file import read_window
 from service.results.window_jobs import WindowJobs
+from service.stream.samples import Span
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,7 +36,7 @@ def fill(data, where):
     with SqlStore(where) as store:
         fakes.fill(store, data)
     (data / SIGNALS / "unsw").mkdir(parents=True)
-    (data / SIGNALS / "unsw" / "00000001_1_none_k.npz").write_bytes(b"signals")
+    (data / SIGNALS / "unsw" / "00000001_1_none_k.mcap").write_bytes(b"signals")
 
 
 def answers(data, where):
@@ -51,7 +52,7 @@ def answers(data, where):
             found[asset, "rest"] = [
                 Jobs(store.database).of(asset, kind) for kind in ("decision", "inspection", "retired")
             ]
-            found[asset, "waiting"] = [read_window(life.file_of(w.id)).start_time_ns for w in life.waiting(asset)]
+            found[asset, "waiting"] = [read_segment(life.path_of(w)).start_ns for w in life.waiting(asset)]
             own = BaselineStore(store.database, data / BASELINES).path(asset)
             found[asset, "baseline"] = own and own.read_bytes()
         found["alarms"] = AlarmStore(store.database).due(2)
@@ -81,7 +82,7 @@ def test_backup_brings_everything_back_also_into_the_other_kind_of_database(kind
     target = place(to, new, request)
     assert restore(tmp_path / "b.zip", new, target) == made
     assert answers(new, target) == expected
-    assert [p.name for p in (new / SIGNALS / "unsw").iterdir()] == ["00000001_1_none_k.npz"]
+    assert [p.name for p in (new / SIGNALS / "unsw").iterdir()] == ["00000001_1_none_k.mcap"]
     assert not [p for p in (*data.iterdir(), *new.iterdir()) if p.name.startswith(".")]
     with SqlStore(target) as store:  # no number is given twice
         last = max(e.id for e in store.events("unsw", 0, 10_000))
@@ -101,12 +102,12 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
             life = WindowJobs(store.database, data / WAITING)
             index = 14
             while not stop.is_set():
-                life.add_waiting("unsw", replace(fakes.WINDOW, start_time_ns=index))
+                life.add_waiting("unsw", life.write(replace(fakes.SEGMENT, span=Span(index, index + 1))))
                 (entry,) = life.waiting("unsw")
                 with life.transaction():
                     fakes.take(store, None, "unsw", index, 100.0 * index)
                     life.drop_waiting(entry.id)
-                life.delete_file(entry.id)
+                life.path_of(entry).unlink()
                 index += 1
 
     worker = threading.Thread(target=work)
@@ -126,7 +127,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
             assert indices == list(range(len(indices))) and store.asset("unsw").windows == len(indices)
             told = [e.data["index"] for e in store.events("unsw", 0, 10_000) if e.kind == "window"]
             assert told == indices
-            assert [read_window(life.file_of(w.id)).start_time_ns for w in life.waiting("unsw")] in ([], [len(indices)])
+            assert [read_segment(life.path_of(w)).start_ns for w in life.waiting("unsw")] in ([], [len(indices)])
 
 
 def test_backup_is_restored_into_nothing_but_an_empty_place(data, tmp_path, postgresql):

@@ -16,8 +16,8 @@ from service.results.backends import Postgresql
 from service.results.commit_marks import Mark
 from service.results.jobs import Jobs
 from service.results.schema import COMMITS
+from service.results.segment_file import read_segment
 from service.results.sql_store import SqlStore
-from service.results.window_file import read_window
 from service.results.window_jobs import WindowJobs
 
 
@@ -38,7 +38,8 @@ def test_jobs_of_all_kinds_wait_in_the_order_in_which_they_were_submitted(each_s
     each_store.note("unsw", [])
     jobs = Jobs(each_store.database)
     numbers = [fakes.decide(each_store, "unsw", "misalignment", "pin"), jobs.add("unsw", "oil_changed", {"by": "Anna"})]
-    assert WindowJobs(each_store.database, tmp_path / "waiting").add_waiting("unsw", fakes.WINDOW)
+    life = WindowJobs(each_store.database, tmp_path / "waiting")
+    assert life.add_waiting("unsw", life.write(fakes.SEGMENT))
     numbers += [fakes.inspect(each_store, "unsw", {"revolutions": 10.0}, {}), jobs.add("mill", "retired", {})]
     assert [job.id for job in jobs.pending()] == numbers
     jobs.refuse(numbers[0], "no window has been processed yet")
@@ -62,10 +63,10 @@ def test_decisions_are_counted_by_what_became_of_them(each_store):
 def test_windows_that_wait_are_given_to_another_asset(each_store, tmp_path):
     life = WindowJobs(each_store.database, tmp_path / "waiting")
     each_store.note("unsw", [])
-    assert life.add_waiting("unsw", fakes.WINDOW)
+    assert life.add_waiting("unsw", life.write(fakes.SEGMENT))
     life.give_waiting("unsw", "other")
     (waiting,) = life.waiting("other")
-    assert life.waiting("unsw") == () and read_window(life.file_of(waiting.id)).start_time_ns == waiting.start_ns
+    assert life.waiting("unsw") == () and read_segment(life.path_of(waiting)).start_ns == waiting.start_ns
     life.drop_waiting(waiting.id)
     assert life.waiting("other") == ()
 

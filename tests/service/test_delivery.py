@@ -17,10 +17,11 @@ from service.runtime.pipeline import Pipeline
 from service.runtime.positions import HELD_BACK, MOST_BACKLOG, ClosedWindows, Positions
 from service.runtime.pump import Pump
 from service.runtime.twin_port import Answer, Twin
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.frames import NS
 from service.stream.inbox import Inbox
 from service.stream.sources.mcap import RawFrame
+from service.stream.windows import Windows
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import topic_of
 from twin.rig import Rig
@@ -54,7 +55,7 @@ class Stand:
             last = self.committed[-1]
             self.pipeline.lanes.restore(ASSET, Checkpoint(
                 index=last.index, state=last.state, report=None, assembly=json.loads(json.dumps(last.assembly)),
-                quality=last.quality,
+                quality=last.quality, making=json.loads(json.dumps(last.making)),
             ))  # fmt: skip
         self.positions = Positions(
             self.inbox,
@@ -145,7 +146,7 @@ def sent(stand, frames, **given):
 
 
 def undisturbed(frames):
-    assembler = Assembler()
+    assembler = Windows()
     return content([w for f in frames for w in assembler.add(f)] + assembler.flush())
 
 

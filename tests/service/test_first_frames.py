@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zenoh
 import zenoh.ext
+from segments import made
 from service_streams import free_port, wait_until
 from streams import ACCEL, ASSET, CHANNELS, bursts
 
@@ -57,11 +58,11 @@ class Began:
 
     def qualities(self):
         self.reception.flush()
-        return [closed.window.quality for closed in self.closed]
+        return [made(closed.segment).quality for closed in self.closed]
 
     @property
     def lost(self):
-        return {fault.channel for closed in self.closed for fault in closed.window.faults if fault.kind == "gap"}
+        return {fault.channel for closed in self.closed for fault in made(closed.segment).faults if fault.kind == "gap"}
 
 
 def test_nothing_is_asked_where_every_key_goes_on():

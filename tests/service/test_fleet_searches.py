@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 import worker_twins
 from fleets import taken
+from segments import segment_of
 from service_streams import ROOT, wait_until
 from test_workers import window
 
@@ -62,7 +63,7 @@ class Given:
         return Search(reply=reply, cancel=lambda: self.cancelled.append(task))
 
     def ask(self, asset, name, number=0, state=NEW, verb="window"):
-        about = WindowToUse(start_ns=10**18 + number * 10**10, window=window(number))
+        about = WindowToUse(start_ns=10**18 + number * 10**10, segment=segment_of(window(number)))
         rig = Rig.from_mapping({"name": name})
         call = Call(asset=asset, twin=worker_twins.make(None), rig=rig, state=state, ask=Ask(verb, about))
         self.searches.start(call, lambda made: self.made.append((asset, made)))
@@ -121,7 +122,7 @@ def test_a_search_that_the_engine_does_not_make_is_made_here(tmp_path, caplog, h
             elif how == "cancelled":
                 reply.cancel()
             elif how == "without the file":
-                gone = WindowToUse(start_ns=0, file=tmp_path / "of another machine.npz")
+                gone = WindowToUse(start_ns=0, file=tmp_path / "of another machine.mcap")
                 reply.set_result(perform(replace(task, ask=Ask("window", gone), hand_back=False)))
         given.wait(lambda: given.made)
         ((_, made),) = given.made
@@ -166,7 +167,7 @@ def carried_through(recorder, given):
     """What the windows lead to, one after the other."""
     state, answers = NEW, []
     for rig, one in recorder.given:
-        about = WindowToUse(start_ns=one.start_time_ns, window=one)
+        about = WindowToUse(start_ns=one.start_time_ns, segment=segment_of(one))
         call = Call(asset="unsw", twin=gear_twin(), rig=rig, state=state, ask=Ask("window", about))
         given.searches.start(call, given.made.append)
         given.wait(lambda: len(given.made) > len(answers), 120.0)
@@ -211,7 +212,7 @@ def test_a_process_that_goes_on_with_an_asset_reads_its_curves_and_computes_none
     tasks, state, kept = Tasks(stored), NEW, []
     PATHS.clear()
     for rig, one in recorder.given[:5]:
-        about = WindowToUse(start_ns=one.start_time_ns, window=one)
+        about = WindowToUse(start_ns=one.start_time_ns, segment=segment_of(one))
         call = Call(asset="unsw", twin=gear_twin(), rig=rig, state=state, ask=Ask("window", about))
         reply = perform(tasks.of(call))
         state = reply.made.state
@@ -221,7 +222,7 @@ def test_a_process_that_goes_on_with_an_asset_reads_its_curves_and_computes_none
     wait_until(lambda: not writer._waiting)
     assert kept and all(stored.read("unsw", name) for name in kept[-1].names)
     rig, last = recorder.given[5]
-    about = WindowToUse(start_ns=last.start_time_ns, window=last)
+    about = WindowToUse(start_ns=last.start_time_ns, segment=segment_of(last))
     call = Call(asset="unsw", twin=gear_twin(), rig=rig, state=state, ask=Ask("window", about))
     expected = perform(tasks.of(call))
     PATHS.clear()

@@ -11,6 +11,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from segments import made
 from streams import ACCEL, ASSET, CHANNELS, T0, bursts, content, frame
 
 from service.errors import StorageUnavailable
@@ -21,8 +22,9 @@ from service.runtime.pump import Pump
 from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.inbox import Inbox
+from service.stream.windows import Windows
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import topic_of
 from twin.rig import Rig
@@ -39,7 +41,7 @@ class Plant:
         self.inbox = Inbox(admits=self.unknown.admits, **room)
         reception = Reception(
             lambda asset: Rig.from_mapping({}),
-            lambda closed: self.windows.append(closed.window),
+            lambda closed: self.windows.append(made(closed.segment)),
             assembly=AssemblySettings(clocked=True),
         )
         self.reception = reception
@@ -84,7 +86,7 @@ class Plant:
 
 
 def whole(frames):
-    assembler = Assembler()
+    assembler = Windows()
     return [w for f in frames for w in assembler.add(f)] + assembler.flush()
 
 
@@ -219,7 +221,7 @@ def test_a_stream_that_is_said_to_be_another_machines_in_the_midst_of_a_burst_ma
     for each in frames[at:]:
         reception.feed(replace(each, channel=each.channel._replace(asset="other")))
     reception.flush("other")
-    graded = [closed.window.quality for closed in windows if closed.asset == "other"]
+    graded = [made(closed.segment).quality for closed in windows if closed.asset == "other"]
     assert graded == (["refused", "good", "good"] if at % 48 else ["good", "good"])
 
 
@@ -249,7 +251,7 @@ def unavailable(asset):
 def test_window_that_begins_one_frame_after_a_flood_is_refused_however_long_frames_are(length):
     """What is known of a frame without room is its start: its end was once taken for that."""
     frames = [stretched(f, length / 0.25) for f in bursts(1, frames=4)]
-    assembler = Assembler(AssemblySettings(length=10_000.0))
+    assembler = Windows(AssemblySettings(length=10_000.0))
     lost = [f for f in frames if f.sequence - frames[CHANNELS.index(f.channel)].sequence < 2]
     inbox = Inbox(frames=100)
     for each in frames:

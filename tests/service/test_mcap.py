@@ -10,10 +10,10 @@ from mcap.writer import Writer
 from streams import ASSET, CHANNELS, bursts, content
 
 from service.errors import InputError
-from service.stream.assembly import Assembler
 from service.stream.sources.mcap import Recording, read_windows
 from service.stream.sources.mcap_scan import scan
 from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.windows import Windows
 from service.stream.wire.codec import encode, schema_data
 from service.stream.wire.topics import topic_of
 
@@ -31,7 +31,7 @@ def written(path, frames, chunk_every=12, **given):
 
 
 def windows_of(frames):
-    assembler = Assembler()
+    assembler = Windows()
     return [w for f in frames for w in assembler.add(f)] + assembler.flush()
 
 

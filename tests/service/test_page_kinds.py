@@ -8,6 +8,7 @@ import pytest
 import service_fakes as fakes
 from gear_signals import START, meshing_window
 from machines import MODULATION, NOT_GIVEN, SUDDEN, show_machine, show_waiting
+from segments import keep
 
 from service.results.board import Waiting
 from service.results.signal_store import SignalStore
@@ -18,7 +19,7 @@ from twin.windows import Window
 def signals(tmp_path):
     """The windows of `encoders`: two encoders alone, on a machine whose teeth nobody knows."""
     kept = SignalStore(tmp_path / "signals", 2**28)
-    kept.keep("encoders", 0, Window(start_time_ns=START, encoders=meshing_window().encoders))
+    keep(kept, "encoders", 0, Window(start_time_ns=START, encoders=meshing_window().encoders))
     return kept
 
 

@@ -7,6 +7,7 @@ import re
 import pytest
 import service_fakes as fakes
 from gear_signals import MESH, RIG, Z1, meshing_window
+from segments import keep
 from test_page import painted, points
 
 from service.results.signal_store import SignalStore
@@ -19,7 +20,7 @@ SIGNALS = "/#/asset/unsw/signals"
 def signals(store, board, tmp_path):
     kept = SignalStore(tmp_path / "signals", 2**30)
     for index in KEPT:
-        kept.keep("unsw", index, meshing_window(index), revolutions=100.0 * index, found=index == 3)
+        keep(kept, "unsw", index, meshing_window(index), revolutions=100.0 * index, found=index == 3)
     return kept
 
 
@@ -186,7 +187,7 @@ def test_a_new_window_is_followed_where_the_newest_is_shown(opened, store, board
     page = opened()
     settled(page)
     page.wait_for_selector("#link[data-state=live]")
-    signals.keep("unsw", 6, meshing_window(6), revolutions=600.0)
+    keep(signals, "unsw", 6, meshing_window(6), revolutions=600.0)
     fakes.take(store, board, "unsw", 6, 600.0)
     page.wait_for_function("document.querySelector('.which').textContent.includes('window 6 ')")
 

@@ -15,6 +15,7 @@ from browsers import under_policy
 from conftest import serving
 from gear_signals import RIG, meshing_window
 from machines import KINDS, WAITING, show_machine, show_waiting
+from segments import keep
 from test_alarms import CRACKED, NEAR, WORN
 from test_health import report_of
 from test_page_access import findings
@@ -51,7 +52,7 @@ def plant(tmp_path_factory):
                     window = replace(window, accelerations={}, torques={})
                 elif KINDS[kind].shown_as in ("baseline", "level"):
                     window = replace(window, encoders={}, torques={})
-                kept.keep(kind, index, window, revolutions=500.0 * index)
+                keep(kept, kind, index, window, revolutions=500.0 * index)
             if KINDS[kind].shown_as in ("baseline", "level"):
                 board.update(kind, rig=RIG)
             if kind in ALARMED:

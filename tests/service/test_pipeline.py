@@ -147,7 +147,12 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
     second.lanes.restore(
         ASSET,
         Checkpoint(
-            index=last.index, state=last.state, report=last.report, assembly=last.assembly, quality=last.quality
+            index=last.index,
+            state=last.state,
+            report=last.report,
+            assembly=last.assembly,
+            quality=last.quality,
+            making=last.making,
         ),
     )
     for frame in frames:

@@ -14,8 +14,9 @@ from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import Pump, _Rhythm
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Answer, Twin
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.inbox import Inbox
+from service.stream.windows import Windows
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import topic_of
 from twin.rig import Rig
@@ -140,7 +141,7 @@ class Driven:
 
 
 def undisturbed(frames):
-    assembler = Assembler()
+    assembler = Windows()
     return content([w for f in frames for w in assembler.add(f)] + assembler.flush())
 
 

@@ -28,8 +28,8 @@ from service.runtime.raw_recorder import RawRecorder, rig_texts
 from service.runtime.reception import Reception
 from service.runtime.replay import replay
 from service.setup.toml_text import document_text
-from service.stream.assembly import Assembler
 from service.stream.sources.mcap import Recording, read_windows
+from service.stream.windows import Windows
 from twin.rig import Rig
 
 RIG = b'name = "unsw"\n[gears.pinion]\nteeth = 19\n'
@@ -61,7 +61,7 @@ class Disk:
 
 
 def windows(frames):
-    assembler = Assembler()
+    assembler = Windows()
     return content([w for f in frames for w in assembler.add(f)] + assembler.flush())
 
 

@@ -113,7 +113,7 @@ def test_a_folder_of_windows_that_cannot_be_written_makes_an_idle_service_unread
         stays_unready(running)
         (tmp_path / "away").rename(folder)
         wait_until(running.ready)
-        assert not list(folder.glob("*.npz")) and running.said()[1].count("can be used again") == 1
+        assert not list(folder.glob("*.mcap")) and running.said()[1].count("can be used again") == 1
 
 
 @pytest.mark.slow

@@ -21,10 +21,10 @@ from service.runtime.positions import Positions
 from service.runtime.record import record
 from service.runtime.replay import paced, replay
 from service.runtime.twin_port import Twin
-from service.stream.assembly import Assembler
 from service.stream.inbox import BAD_KEY, SAY_ERRORS_EVERY, Inbox
 from service.stream.sources.mcap import RawFrame, Recording, read_windows
 from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.windows import Windows
 from service.stream.wire.codec import encode, encoding_of
 from service.stream.wire.topics import topic_of
 from service.transport.zenoh import ZenohTransport, open_publisher, open_session
@@ -133,7 +133,12 @@ def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endp
     pipeline.lanes.restore(
         ASSET,
         Checkpoint(
-            index=last.index, state=last.state, report=last.report, assembly=last.assembly, quality=last.quality
+            index=last.index,
+            state=last.state,
+            report=last.report,
+            assembly=last.assembly,
+            quality=last.quality,
+            making=last.making,
         ),
     )
     with receiving(endpoint, pipeline):
@@ -153,7 +158,7 @@ def test_a_plain_publisher_is_understood(endpoint):
         for frame in bursts(2):
             session.put(topic_of(frame.channel), encode(frame), encoding=encoding_of(frame.channel))
         until(lambda: len(outcomes) >= 2)
-    assembler = Assembler()
+    assembler = Windows()
     windows = [w for frame in bursts(2) for w in assembler.add(frame)] + assembler.flush()
     assert content([o.window for o in outcomes]) == content(windows)
 

@@ -12,13 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from segments import keep, made, segment_of
+from test_segment_file import same
 
 from service.errors import NotKept, StoreError
+from service.results.segment_file import write_segment
 from service.results.signal_reading import folder_in, found_in
 from service.results.signal_store import SignalStore
 from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
 from service.runtime.outcomes import Outcome
 from service.runtime.signal_writer import SignalWriter
+from twin.rig import Rig
 from twin.windows import Edges, Fault, Samples, SlowValue, Window
 
 ROOT = Path(__file__).parents[2]
@@ -48,49 +52,49 @@ def outcome(number: int, **changes) -> Outcome:
     return Outcome(**given | changes)
 
 
-def same(one: Window, other: Window) -> bool:
-    for field in ("accelerations", "torques", "encoders"):
-        a, b = getattr(one, field), getattr(other, field)
-        assert a.keys() == b.keys()
-        for name in a:
-            for attribute in type(a[name]).__slots__:
-                np.testing.assert_array_equal(getattr(a[name], attribute), getattr(b[name], attribute))
-    rest = ("start_time_ns", "slow", "faults", "quality")
-    return all(getattr(one, name) == getattr(other, name) for name in rest)
+def waited(folder: Path, number: int, **changes) -> Outcome:
+    """A window that has been committed, with the file in which it waited."""
+    file = folder / f"waited-{number}"
+    write_segment(file, segment_of(window(number)))
+    return outcome(number, file=file, **changes)
 
 
 def test_a_window_comes_back_exactly_as_it_was_also_after_a_restart(tmp_path):
     lost = window(3)
     lost.accelerations["y6"].values[17:20] = np.nan
-    SignalStore(tmp_path, 2**30).keep("unsw", 3, lost, revolutions=4095.25)
+    keep(SignalStore(tmp_path, 2**30), "unsw", 3, lost, revolutions=4095.25)
     again = SignalStore(tmp_path, 2**30)
-    assert same(again.window("unsw", 3), lost)
+    assert same(made(again.segment("unsw", 3)), made(segment_of(lost)))
     (kept,) = again.kept("unsw")
     assert (kept.number, kept.start_ns, kept.revolutions) == (3, lost.start_time_ns, 4095.25)
-    assert kept.bytes == sum(p.stat().st_size for p in tmp_path.rglob("*.npz"))
+    assert kept.bytes == sum(p.stat().st_size for p in tmp_path.rglob("*.mcap"))
 
 
-def test_samples_that_arrived_as_float32_take_four_bytes_and_others_lose_nothing(tmp_path):
-    store = SignalStore(tmp_path, 2**30)
-    store.keep("unsw", 0, window())
-    (path,) = tmp_path.rglob("*.npz")
-    with np.load(path) as archive:
-        assert archive["accel/y6"].dtype == np.float32
-        assert archive["torque/pinion"].dtype == np.float64
-        assert archive["encoder/pinion"].dtype == np.float64
+def test_a_kept_window_is_made_again_with_what_its_making_took_from_the_window_before(store, tmp_path):
+    signals = SignalStore(tmp_path / "signals", 2**30)
+    given = window(encoders={"pinion": Edges(per_rev=64, first_index=640, times=np.arange(100) / 64)})
+    for asset, counted in (("unsw", 640), ("fallen", 700)):
+        keep(signals, asset, 0, given)
+        store.commit(
+            asset, given.start_time_ns, record={"index": 0}, state={}, report=None, assembly={}, quality={},
+            received_ns=1, before={"edges_counted": {"encoder/pinion": counted}},
+        )  # fmt: skip
+    rig = Rig.from_mapping({})
+    assert "counter_reset" not in {f.kind for f in signals.window("unsw", 0, rig, store).faults}
+    assert "counter_reset" in {f.kind for f in signals.window("fallen", 0, rig, store).faults}
 
 
 def test_a_window_that_is_not_kept_says_which_are(tmp_path):
     store = SignalStore(tmp_path, 2**30)
     with pytest.raises(NotKept, match="none of this asset's windows are kept"):
-        store.window("unsw", 0)
-    store.keep("unsw", 4, window())
+        store.segment("unsw", 0)
+    keep(store, "unsw", 4, window())
     with pytest.raises(NotKept, match=r"window 0 are not kept; kept are 4$"):
-        store.window("unsw", 0)
-    (path,) = tmp_path.rglob("*.npz")
+        store.segment("unsw", 0)
+    (path,) = tmp_path.rglob("*.mcap")
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(NotKept, match="is damaged"):
-        store.window("unsw", 4)
+        store.segment("unsw", 4)
 
 
 def test_a_folder_that_cannot_be_used_is_one_clear_error(tmp_path):
@@ -102,8 +106,8 @@ def test_a_folder_that_cannot_be_used_is_one_clear_error(tmp_path):
 @pytest.mark.parametrize("asset", [".", "..", "a.b-c_1"])
 def test_no_name_of_an_asset_leaves_the_folder(tmp_path, asset):
     store = SignalStore(tmp_path / "signals", 2**30)
-    store.keep(asset, 0, window())
-    assert [p.parent.parent for p in tmp_path.rglob("*.npz")] == [tmp_path / "signals"]
+    keep(store, asset, 0, window())
+    assert [p.parent.parent for p in tmp_path.rglob("*.mcap")] == [tmp_path / "signals"]
     assert SignalStore(tmp_path / "signals", 2**30).indices(asset) == (0,)
 
 
@@ -113,7 +117,7 @@ APART = ("press", "Press", "PRESS", "CON", "con.1", "x.", "x", ".", "..")
 def test_assets_whose_names_a_file_system_does_not_keep_apart_have_their_own_folders(share):
     store = SignalStore(share, 2**30)
     for number, asset in enumerate((*APART, *APART)):
-        store.keep(asset, number, window(number))
+        keep(store, asset, number, window(number))
     for opened in (store, SignalStore(share, 2**30)):
         for number, asset in enumerate(APART):
             assert opened.indices(asset) == (number, number + len(APART))
@@ -130,7 +134,7 @@ def test_where_names_are_kept_apart_each_folder_has_its_assets_name(tmp_path):
 
 def test_nothing_is_kept_where_the_limit_is_zero(tmp_path):
     store = SignalStore(tmp_path, 0)
-    assert not store.keep("unsw", 0, window())
+    assert not keep(store, "unsw", 0, window())
     assert store.indices("unsw") == ()
 
 
@@ -184,29 +188,37 @@ def test_windows_without_a_revolution_count_are_thinned_by_their_number():
 
 def test_the_store_deletes_what_is_given_up(tmp_path):
     store = SignalStore(tmp_path, 10**6)
-    store.keep("unsw", 0, window())
+    keep(store, "unsw", 0, window())
     size = store.kept("unsw")[0].bytes
     store = SignalStore(tmp_path, 30 * size)
     for number in range(1, 60):
-        store.keep("unsw", number, window(number), revolutions=float(number))
-    assert sum(p.stat().st_size for p in tmp_path.rglob("*.npz")) <= 30 * size
-    assert len(list(tmp_path.rglob("*.npz"))) == len(store.indices("unsw"))
+        keep(store, "unsw", number, window(number), revolutions=float(number))
+    assert sum(p.stat().st_size for p in tmp_path.rglob("*.mcap")) <= 30 * size
+    assert len(list(tmp_path.rglob("*.mcap"))) == len(store.indices("unsw"))
     assert SignalStore(tmp_path, 30 * size).indices("unsw") == store.indices("unsw")
 
 
 def test_a_window_that_is_kept_again_replaces_the_earlier_one(tmp_path):
     store = SignalStore(tmp_path, 2**30)
-    store.keep("unsw", 0, window(0), revolutions=1.0)
-    store.keep("unsw", 0, window(1), revolutions=2.0)
-    assert len(list(tmp_path.rglob("*.npz"))) == 1
-    assert same(store.window("unsw", 0), window(1))
+    keep(store, "unsw", 0, window(0), revolutions=1.0)
+    keep(store, "unsw", 0, window(1), revolutions=2.0)
+    assert len(list(tmp_path.rglob("*.mcap"))) == 1
+    assert store.segment("unsw", 0).start_ns == window(1).start_time_ns
+
+
+def test_a_window_without_signals_and_one_that_is_left_out_leave_no_file(tmp_path):
+    store = SignalStore(tmp_path / "signals", 2**30)
+    writer = SignalWriter(store)
+    writer.offer(waited(tmp_path, 0, signals=False))
+    writer.end()
+    assert store.indices("unsw") == () and not list(tmp_path.glob("waited*"))
 
 
 def test_the_writer_keeps_what_was_committed_and_marks_windows_at_which_an_effect_changed(tmp_path):
     store = SignalStore(tmp_path, 2**30)
     writer = SignalWriter(store)
     for n in range(5):
-        writer.offer(outcome(n, events=(("effect", {}),) if n == 3 else ()))
+        writer.offer(waited(tmp_path, n, events=(("effect", {}),) if n == 3 else ()))
     writer.end()
     assert store.indices("unsw") == (0, 1, 2, 3, 4)
     assert [w.number for w in store.kept("unsw") if w.found] == [3]
@@ -232,7 +244,7 @@ def test_a_slow_disk_holds_nobody_up_and_what_is_left_out_is_counted(tmp_path):
     writer = SignalWriter(store, waiting_bytes=300_000)
     begun = time.monotonic()
     for n in range(20):
-        writer.offer(outcome(n))
+        writer.offer(waited(tmp_path, n))
     assert time.monotonic() - begun < 15
     left_out = writer.figures()["signal_windows_left_out"]
     assert 0 < left_out < 20
@@ -244,7 +256,7 @@ def test_a_slow_disk_holds_nobody_up_and_what_is_left_out_is_counted(tmp_path):
 def test_a_full_disk_is_counted_and_ends_nothing(tmp_path):
     writer = SignalWriter(Blocked(tmp_path, OSError(28, "No space left on device")))
     for n in range(3):
-        writer.offer(outcome(n))
+        writer.offer(waited(tmp_path, n))
     writer.end()
     assert writer.figures() == {"signal_windows_waiting": 0, "signal_windows_left_out": 3}
 
@@ -253,10 +265,10 @@ WRITES = """
 import sys, numpy as np
 from pathlib import Path
 from service.results.signal_store import SignalStore
-from tests.service.test_signal_store import window
+from test_signal_store import keep, window
 store = SignalStore(Path(sys.argv[1]), 2**30)
 for n in range(10_000):
-    store.keep("unsw", n, window(n, 40_000))
+    keep(store, "unsw", n, window(n, 40_000))
     print(n, flush=True)
 """
 
@@ -265,7 +277,7 @@ for n in range(10_000):
 def test_a_killed_process_leaves_whole_windows_only(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", WRITES, str(tmp_path)], cwd=ROOT, stdout=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))},
     )  # fmt: skip
     assert process.stdout is not None
     for line in process.stdout:
@@ -277,5 +289,4 @@ def test_a_killed_process_leaves_whole_windows_only(tmp_path):
     store = SignalStore(tmp_path, 2**30)
     assert set(range(6)) <= set(store.indices("unsw"))
     for number in store.indices("unsw"):
-        assert same(store.window("unsw", number), window(number, 40_000))
-    assert not list(tmp_path.rglob("*.part"))
+        assert same(made(store.segment("unsw", number)), made(segment_of(window(number, 40_000))))

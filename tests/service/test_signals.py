@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import service_fakes as fakes
 from gear_signals import ERROR, MESH, RIG, RUN_OUT, SIDEBAND, SPEED, Z1, Z2, meshing_window
+from segments import keep
 from test_api import Client
 
 from service.api import create_app
@@ -33,7 +34,7 @@ def client(store, board, tmp_path):
     board.update("unsw", rig=RIG)
     signals = SignalStore(tmp_path / "signals", 2**30)
     for index in KEPT:
-        signals.keep("unsw", index, meshing_window(index), revolutions=100.0 * index)
+        keep(signals, "unsw", index, meshing_window(index), revolutions=100.0 * index)
     return Client(create_app(board, store, signals=signals))
 
 
@@ -216,7 +217,7 @@ def test_a_machine_without_a_model_says_what_its_rig_file_lacks(client):
 def test_csv_holds_every_sample_as_it_was(client):
     _, *rows = csv.reader(io.StringIO(client.get(f"{URL}/waveform?format=csv").text))
     values = np.array(rows, dtype=float)
-    np.testing.assert_allclose(values[:, 1], meshing_window(3).accelerations["y6"].values, rtol=1e-8)
+    np.testing.assert_allclose(values[:, 1], meshing_window(3).accelerations["y6"].values.astype(np.float32), rtol=1e-8)
 
 
 def test_what_cannot_be_shown_says_why(client):
@@ -260,8 +261,8 @@ def test_windows_of_different_speed_share_no_marker_in_hertz(store, board, tmp_p
     fakes.campaign(store, board, windows=3)
     board.update("unsw", rig=RIG)
     signals = SignalStore(tmp_path / "signals", 2**30)
-    signals.keep("unsw", 0, meshing_window(0))
-    signals.keep("unsw", 1, meshing_window(1, run_up=0.3))
+    keep(signals, "unsw", 0, meshing_window(0))
+    keep(signals, "unsw", 1, meshing_window(1, run_up=0.3))
     client = Client(create_app(board, store, signals=signals))
     found = client.get("/v1/assets/unsw/waterfall").json()
     assert found["markers"] == [] and "speed differs" in " ".join(found["notes"])

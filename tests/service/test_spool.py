@@ -40,7 +40,7 @@ def test_windows_that_had_closed_are_processed_after_a_kill_without_being_sent_a
     running = Service(tmp_path, slow=30.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
         running.end(signal.SIGKILL)
         assert [w.start_ns for w in waiting(running)] == sorted(w.start_ns for w in waiting(running))
         running.slow = 0.0
@@ -60,9 +60,9 @@ def test_a_window_whose_file_is_damaged_is_refused_and_counted_and_the_others_go
     running = Service(tmp_path, slow=30.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
         running.end(signal.SIGKILL)
-        for cut in sorted((running.folder / WAITING).glob("*.npz"))[1:3]:
+        for cut in sorted((running.folder / WAITING).glob("*.mcap"))[1:3]:
             cut.write_bytes(cut.read_bytes()[:500])
         running.slow = 0.0
         running.start()
@@ -90,7 +90,7 @@ def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tm
     )  # fmt: skip
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         replay(slow, (), 0, publish_to=network.open_publisher)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
         began = time.monotonic()
         replay(write_recording(tmp_path / "b.mcap", WINDOWS), (), 0, publish_to=network.open_publisher)
         assert len(running.wait_for_windows(WINDOWS)) == WINDOWS
@@ -105,8 +105,8 @@ def test_raw_signals_are_written_once_the_file_that_waited_becomes_the_one_that_
     running = Service(tmp_path, slow=1.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) >= 3)
-        waited = {f.stat().st_ino for f in (running.folder / WAITING).glob("*.npz")}
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) >= 3)
+        waited = {f.stat().st_ino for f in (running.folder / WAITING).glob("*.mcap")}
         running.wait_for_windows(WINDOWS)
         wait_until(lambda: len(list((running.folder / SIGNALS / "unsw").iterdir())) == WINDOWS)
         assert waited <= {f.stat().st_ino for f in (running.folder / SIGNALS / "unsw").iterdir()}

@@ -92,7 +92,7 @@ def killed_with_windows_that_wait(running, recording, done):
     replay(recording, [running.endpoint], 0)
     running.wait_for_windows(done)
     running.end(signal.SIGKILL)
-    assert len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS - done
+    assert len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS - done
 
 
 def position(running):
@@ -191,7 +191,7 @@ def test_an_asset_of_which_nothing_was_committed_begins_anew(tmp_path, recording
     running = Service(tmp_path, slow=30.0).start()
     try:
         killed_with_windows_that_wait(running, recording, 0)
-        for path in (running.folder / WAITING).glob("*.npz"):
+        for path in (running.folder / WAITING).glob("*.mcap"):
             path.unlink()
         running.slow = 0.0
         running.start()
@@ -209,7 +209,7 @@ def test_windows_before_the_first_without_a_file_are_processed_and_those_behind_
     running = Service(tmp_path, slow=30.0).start()
     try:
         killed_with_windows_that_wait(running, recording, 0)
-        sorted((running.folder / WAITING).glob("*.npz"))[2].unlink()
+        sorted((running.folder / WAITING).glob("*.mcap"))[2].unlink()
         running.slow = 0.0
         running.start()
         assert f"{WINDOWS - 2} windows" in said(running)[0]

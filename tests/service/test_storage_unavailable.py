@@ -99,7 +99,7 @@ def test_a_full_disk_is_waited_for_and_nothing_is_lost(tmp_path, recording, begu
             sent = sending(recording, running)
             wait_until(lambda: not_ready(running))
             time.sleep(2.0)
-            assert len(running.windows()) == 1 and not list((disk / WAITING).glob("*.npz"))
+            assert len(running.windows()) == 1 and not list((disk / WAITING).glob("*.mcap"))
             assert sent.is_alive()
             filler.unlink()
             went_through_it(running, recording)

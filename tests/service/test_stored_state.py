@@ -6,6 +6,7 @@ import copy
 import tomllib
 
 import pytest
+from segments import segment_of
 from service_streams import RIG, Sink
 
 from service.runtime.lane import Entry
@@ -41,7 +42,7 @@ def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting
     pipeline = Pipeline(lambda asset: Rig.from_mapping({}), gear_twin(Options(trace=False)), Sink(outcomes))
     restore(pipeline.lanes, store)
     for asset in ("bench", "unsw-rig"):
-        entry = Entry(start_ns=0, window=Window(start_time_ns=0))
+        entry = Entry(start_ns=0, segment=segment_of(Window(start_time_ns=0)))
         pipeline.lanes.put(asset, entry, store.asset(asset).assembly)
     (said,) = [r.message for r in caplog.records]
     assert "stored state of bench cannot be read" in said and said.endswith(cure)

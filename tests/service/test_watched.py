@@ -20,8 +20,6 @@ from test_health import get
 from service.api import create_app
 from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, WORKERS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
-from service.results.data_folder import WAITING
-from service.results.window_jobs import temporary_name
 from service.runtime.replay import replay
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
@@ -215,13 +213,13 @@ def health_of(running):
 def test_loop_that_hangs_in_a_running_service_is_named_no_watchdog_is_told_and_it_is_alive_again_afterwards(
     tmp_path, told, monkeypatch
 ):
-    """The disk does not answer: a file that is to be written is a pipe that nobody reads, as with a hung NFS server."""
+    """The disk does not answer, as with a hung NFS server."""
+    pipe = tmp_path / "disk"
     monkeypatch.setenv("WATCHDOG_USEC", "900000")
+    monkeypatch.setenv("FAKE_TWIN_DISK", str(pipe))
     recording = write_recording(tmp_path / "a.mcap", 2)
     with service(tmp_path / "data", LOOP_LIMIT="5") as running:
         assert told() == READY and told() == ALIVE and health_of(running) == (200, set())
-        pipe = tmp_path / "data" / WAITING / f"{temporary_name(running.process.pid)}.part"
-        pipe.parent.mkdir(exist_ok=True)
         os.mkfifo(pipe)
         sender = threading.Thread(target=replay, args=(recording, [running.endpoint], 0))
         sender.start()
@@ -230,6 +228,7 @@ def test_loop_that_hangs_in_a_running_service_is_named_no_watchdog_is_told_and_i
         assert drained(told, 2.0) == [] and health_of(running)[0] == 503
         assert running.get("/v1/assets") is not None  # HTTP answers
         with pipe.open("rb") as disk:  # it answers again
+            pipe.unlink()
             disk.read()
         wait_until(lambda: health_of(running) == (200, set()), 30.0)
         assert ALIVE in drained(told, 3.0)

@@ -15,18 +15,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import worker_twins
+from segments import segment_of
 from service_streams import HERE, Service, wait_until, write_recording
 
 from service.json_text import JsonText, plain
 from service.results.data_folder import SIGNALS, WAITING
 from service.results.json_columns import dump, load, load_text
-from service.results.window_file import write_window
+from service.results.segment_file import write_segment
 from service.runtime.assess import assess
 from service.runtime.computing import Ask, Call, WindowToUse
 from service.runtime.packed_state import NEW, PackedState, StoredState
 from service.runtime.replay import replay
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker_processes import Processes
+from service.stream.edge_counts import EncoderCounts
+from service.stream.window import window_of
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 from twin.windows import Edges, Samples, Window
@@ -60,7 +63,7 @@ class Pool:
         self.processes.start(call, lambda made: self.made.append((asset, made)))
 
     def window(self, asset, name="plain", number=0, state=NEW):
-        given = WindowToUse(start_ns=10**18 + number * 10**10, window=window(number))
+        given = WindowToUse(start_ns=10**18 + number * 10**10, segment=segment_of(window(number)))
         self.ask(asset, Ask("window", given), name, state)
 
     def wait(self, count, seconds=30.0):
@@ -82,11 +85,13 @@ def pool(request):
 def test_a_worker_makes_what_the_twin_makes_here_from_state_to_state(pool, tmp_path):
     state, packed = worker_twins.make(None).new_state(), NEW
     for number in range(3):
-        file = tmp_path / f"{number}.npz"
-        write_window(file, window(number))
+        file = tmp_path / f"{number}.mcap"
+        segment = segment_of(window(number))
+        sent = window_of(segment, Rig.from_mapping({}), EncoderCounts()).window
+        write_segment(file, segment)
         pool.ask("a", Ask("window", WindowToUse(start_ns=0, file=file)), state=packed)
         made = pool.wait(number + 1)[-1]
-        state, _ = worker_twins.step(Rig.from_mapping({"name": "plain"}), state, window(number), None)
+        state, _ = worker_twins.step(Rig.from_mapping({"name": "plain"}), state, sent, None)
         packed = made.state
         assert plain(packed.to_dict()) == plain(state.to_dict())
         assert not made.window.accelerations and made.window.start_time_ns == window(number).start_time_ns
@@ -363,7 +368,7 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
     running = Workers(tmp_path / "data", WORKERS="1").start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
         wait_until(mark.exists)
         wait_until(lambda: "gear_twin_workers_busy 1.0" in running.text("/metrics"))
         started = children(running.process.pid)
@@ -373,7 +378,7 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
         status, _, complained = running.end(how)
         assert (status, complained) == (0, "") and time.monotonic() - began < 10
         wait_until(lambda: not alive(started), 10.0)
-        assert len(list((running.folder / WAITING).glob("*.npz"))) == WINDOWS
+        assert len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS
     finally:
         running.end(signal.SIGKILL)
 

@@ -13,14 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import ACCEL, CHANNELS, GEAR, LENGTH, PINION, T0, TORQUE, bursts, content, frame, signal, unbroken
 
-from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.assembly import DEFAULT, AssemblySettings
+from service.stream.edge_counts import EncoderCounts
 from service.stream.frames import NS
+from service.stream.windows import Windows
 from twin.features.end_of_range import samples_at_end_of_range as held
 
 
 def assembled(frames, chosen=DEFAULT):
     """The windows of frames in a given order, and the assembler."""
-    assembler = Assembler(chosen)
+    assembler = Windows(chosen)
     windows = [window for each in frames for window in assembler.add(each)]
     return windows + assembler.flush(), assembler
 
@@ -81,7 +83,7 @@ def test_lost_frames_become_the_same_gaps_in_any_order(seed, drop):
 
 def test_a_window_closes_as_soon_as_all_keys_go_on_beyond_it():
     frames = bursts(6)
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     closed_at = [i for i, each in enumerate(frames) for _ in assembler.add(each)]
     assert closed_at == [4 * 6 * n + 3 for n in range(1, 6)]  # at the first frame of the last key of the next burst
 
@@ -217,7 +219,7 @@ def test_a_channel_that_was_there_before_is_missed():
 def test_a_frame_after_its_window_is_late_and_dropped():
     frames = bursts(4)
     target = [f for f in frames if f.channel == TORQUE][2]
-    assembler = Assembler(AssemblySettings(settle=2, patience=4))
+    assembler = Windows(AssemblySettings(settle=2, patience=4))
     windows = [w for f in frames if f is not target for w in assembler.add(f)]
     assert assembler.add(target) == []
     windows += assembler.flush()
@@ -262,36 +264,40 @@ def test_a_machine_that_is_taken_up_again_after_years_goes_on():
 def test_a_restart_at_any_frame_counts_nothing_twice_and_loses_nothing(stop):
     frames = bursts(4)
     chosen = AssemblySettings(settle=3)
-    before, windows, saved = Assembler(chosen), [], None
+    before, windows, saved = Windows(chosen), [], None
     for each in frames[:stop]:
-        for window, state in before.assemble(each):
-            windows.append(window)
-            saved = json.loads(json.dumps(state))
-    after = Assembler.from_dict(saved, chosen) if saved else Assembler(chosen)
+        if made := before.add(each):
+            windows += made
+            saved, encoders = json.loads(json.dumps(before.to_dict())), before.encoders
+    after = Windows(chosen)
+    if saved:
+        after = Windows.from_dict(saved, chosen)
+        after.encoders = EncoderCounts.from_dict(json.loads(json.dumps(encoders.to_dict())))
     windows += [w for each in frames for w in after.add(each)] + after.flush()
     assert content(windows) == content(assembled(frames)[0])
 
 
 def test_a_restart_in_an_unbroken_stream_goes_on_within_a_cut_frame():
     frames, chosen = unbroken(8.0), AssemblySettings(length=1.1, settle=3)
-    before, windows, saved = Assembler(chosen), [], None
+    before, windows, saved = Windows(chosen), [], None
     for each in frames[:70]:
-        for window, state in before.assemble(each):
-            windows.append(window)
-            saved = state
+        if made := before.add(each):
+            windows += made
+            saved, encoders = before.to_dict(), before.encoders
     assert windows
-    after = Assembler.from_dict(saved, chosen)
+    after = Windows.from_dict(saved, chosen)
+    after.encoders = encoders
     windows += [w for each in frames[20:] for w in after.add(each)] + after.flush()
     assert content(windows) == content(assembled(frames, chosen)[0])
 
 
 def test_a_silent_key_is_waited_for_only_so_long():
     chosen = AssemblySettings(expected=("encoder/gear",), patience=4, settle=2)
-    assembler = Assembler(chosen)
+    assembler = Windows(chosen)
     frames = bursts(6, channels=(ACCEL, TORQUE, PINION))
     first = next(i for i, each in enumerate(frames) if assembler.add(each))
     assert first == (4 * 4 - 1) * 3  # four times the patience of one key's frames
-    waiting = Assembler(chosen)
+    waiting = Windows(chosen)
     for each in frames[:30]:
         assert waiting.add(each) == []
     waiting.wait_only_for(["accel/y6", "torque/pinion", "encoder/pinion"])
@@ -300,7 +306,7 @@ def test_a_silent_key_is_waited_for_only_so_long():
 
 def test_frames_that_wait_are_bounded_in_bytes():
     frames = without(unbroken(200.0), ACCEL, 5)
-    assembler = Assembler(AssemblySettings(max_bytes=500_000, patience=10**6, settle=10**6))
+    assembler = Windows(AssemblySettings(max_bytes=500_000, patience=10**6, settle=10**6))
     most = 0
     for each in frames:
         assembler.add(each)

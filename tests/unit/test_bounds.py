@@ -9,8 +9,9 @@ import pytest
 from streams import ACCEL, ASSET, T0, TORQUE, bursts, content, unbroken
 
 from service.errors import FrameError
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.frames import NS, EncoderFrame, SampleFrame
+from service.stream.windows import Windows
 from service.stream.wire import gearbox_pb2 as pb
 from service.stream.wire.codec import decode
 from service.stream.wire.topics import Channel
@@ -43,7 +44,7 @@ def test_frames_that_claim_100_megahertz_are_refused_before_a_window_is_laid_out
     """Two such frames, 8 s apart with torque between them, once took 14.7 GB."""
 
     def attack():
-        assembler, refused = Assembler(), 0
+        assembler, refused = Windows(), 0
         for i, start in enumerate((0.0, 8.0)):
             payload = pb.SampleFrame(
                 start_time_ns=T0 + round(start * NS), sample_rate_hz=1e8, sequence=i, values=np.ones(1_000_000, "f4")
@@ -64,7 +65,7 @@ def test_frames_that_claim_100_megahertz_are_refused_before_a_window_is_laid_out
 
 def test_a_channel_of_few_samples_at_a_huge_rate_is_left_out_with_one_reason():
     def attack():
-        assembler = Assembler(AssemblySettings(length=100.0))
+        assembler = Windows(AssemblySettings(length=100.0))
         for i in range(240):
             assembler.add(frame(TORQUE, 0.5 * i, 200.0, 100, i))
         for i, start in enumerate((0.0, 110.0)):
@@ -82,7 +83,7 @@ def test_a_channel_of_few_samples_at_a_huge_rate_is_left_out_with_one_reason():
 
 def test_a_window_holds_no_more_frames_than_it_may_and_says_so():
     def attack():
-        assembler = Assembler(AssemblySettings(length=10.0, window_bytes=4 * MEGABYTE))
+        assembler = Windows(AssemblySettings(length=10.0, window_bytes=4 * MEGABYTE))
         for i in range(60):
             for sensor in range(40):
                 assembler.add(frame(Channel(ASSET, "accel", f"s{sensor}"), 0.25 * i, 40_000.0, 10_000, i))
@@ -98,7 +99,7 @@ def test_edges_that_jump_ahead_in_small_steps_make_no_huge_gap():
     channel = Channel(ASSET, "encoder", "pinion")
 
     def attack():
-        assembler = Assembler()
+        assembler = Windows()
         for i in range(400):
             assembler.add(
                 EncoderFrame(
@@ -120,7 +121,7 @@ def test_edges_that_jump_ahead_in_small_steps_make_no_huge_gap():
 @pytest.mark.parametrize("stream", [bursts(3), unbroken(25.0)])
 def test_the_bounds_change_nothing_in_an_ordinary_stream(stream):
     def windows(settings):
-        assembler = Assembler(settings)
+        assembler = Windows(settings)
         return [w for f in stream for w in assembler.add(f)] + assembler.flush()
 
     assert content(windows(AssemblySettings(window_bytes=10**12))) == content(windows(AssemblySettings()))

@@ -8,8 +8,9 @@ import json
 import pytest
 from streams import ACCEL, CHANNELS, T0, bursts, content, frame, unbroken
 
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.frames import NS
+from service.stream.windows import Windows
 
 HOUR, DAY, YEAR = 3600 * NS, 86400 * NS, 365 * 86400 * NS
 
@@ -40,7 +41,7 @@ def test_one_frame_a_key_far_ahead_costs_those_frames_and_no_more(ahead):
     """Such frames once made every true frame an overlap until that date came."""
     frames = bursts(6)
     wild = {id(next(f for f in frames[24:] if f.channel == c)) for c in CHANNELS}
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = []
     for f in frames:
         sent = dataclasses.replace(f, start_time_ns=f.start_time_ns + ahead) if id(f) in wild else f
@@ -56,14 +57,14 @@ def test_one_frame_a_key_far_ahead_costs_those_frames_and_no_more(ahead):
 def test_a_first_frame_far_ahead_is_left_out():
     frames = bursts(3)
     wild = dataclasses.replace(frame(ACCEL, -1, 0.0), start_time_ns=T0 + YEAR)
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = assembler.add(wild, T0) + live(assembler, frames) + assembler.flush()
     assert content(windows)[1:] == content(whole(frames))[1:]
     assert [w.start_time_ns for w in windows] == [w.start_time_ns for w in whole(frames)]
 
 
 def whole(frames):
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     return [w for f in frames for w in assembler.add(f)] + assembler.flush()
 
 
@@ -74,7 +75,7 @@ def test_a_clock_set_back_is_followed_with_a_fault(back, renumbered, host):
     """A clock set back once made every frame an overlap, or a duplicate, until it had caught up."""
     frames = unbroken(80.0)
     before, after = frames[:640], moved(frames[640:], -back, renumbered)
-    assembler = Assembler(AssemblySettings(settle=4, length=5.0))
+    assembler = Windows(AssemblySettings(settle=4, length=5.0))
     windows = []
     for f, sent in zip(frames, [*before, *after], strict=True):
         windows += assembler.add(sent, f.end_time_ns if host else None)
@@ -92,7 +93,7 @@ def test_a_clock_set_back_is_followed_with_a_fault(back, renumbered, host):
 def test_windows_in_a_time_that_was_passed_before_have_names_of_their_own():
     frames = unbroken(120.0)
     before, after = frames[:960], moved(frames[960:], -30 * NS)
-    assembler = Assembler(AssemblySettings(settle=4, length=5.0))
+    assembler = Windows(AssemblySettings(settle=4, length=5.0))
     windows = [w for f in [*before, *after] for w in assembler.add(f)] + assembler.flush()
     starts = [w.start_time_ns for w in windows]
     assert len(set(starts)) == len(starts) and sorted(starts) != starts
@@ -102,7 +103,7 @@ def test_windows_in_a_time_that_was_passed_before_have_names_of_their_own():
 def test_frames_given_again_are_duplicates_even_after_the_clock_was_set():
     frames = unbroken(80.0)
     sent = [*frames[:640], *moved(frames[640:], -HOUR, 0)]
-    assembler = Assembler(AssemblySettings(settle=4, length=5.0))
+    assembler = Windows(AssemblySettings(settle=4, length=5.0))
     first = [w for f in sent for w in assembler.add(f)] + assembler.flush()
     assert len(first) > 10
     counted = {label: dict(kinds) for label, kinds in assembler.counters.items()}
@@ -114,7 +115,7 @@ def test_frames_given_again_are_duplicates_even_after_the_clock_was_set():
 
 def test_a_recording_of_long_ago_is_replayed_as_before_beside_the_hosts_clock():
     frames = bursts(4)
-    plain, beside = Assembler(), Assembler()
+    plain, beside = Windows(), Windows()
     windows = [w for f in frames for w in beside.add(f, T0 + 5 * YEAR)] + beside.flush()
     assert content(windows) == content([w for f in frames for w in plain.add(f)] + plain.flush())
     again = [w for f in frames for w in beside.add(f, T0 + 5 * YEAR)] + beside.flush()
@@ -124,7 +125,7 @@ def test_a_recording_of_long_ago_is_replayed_as_before_beside_the_hosts_clock():
 
 def test_a_clock_that_runs_ahead_and_stays_ahead_is_accepted_with_a_fault():
     frames = bursts(3, frames=12)
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = live(assembler, frames, drift=DAY) + assembler.flush()
     assert [w.start_time_ns for w in windows] == [w.start_time_ns for w in whole(frames)]
     assert all(w.accelerations["y6"].values.size == 3000 for w in windows)
@@ -136,7 +137,7 @@ def test_a_clock_that_runs_ahead_and_stays_ahead_is_accepted_with_a_fault():
 def test_a_recording_from_the_future_loses_nothing_in_its_pauses(pause, per_burst):
     """After each pause of over a minute, frames were left out until eight of a key had come in good order."""
     frames = bursts(6, frames=per_burst, pause=pause)
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = [w for f in frames for w in assembler.add(f, T0 - YEAR)] + assembler.flush()
     assert [w.start_time_ns for w in windows] == [w.start_time_ns for w in whole(frames)]
     assert [w.accelerations["y6"].values.size for w in windows] == [per_burst * 250] * 6
@@ -146,7 +147,7 @@ def test_a_recording_from_the_future_loses_nothing_in_its_pauses(pause, per_burs
 def test_a_short_recording_from_the_future_is_not_lost():
     """Fewer frames than show that a clock was set were held, and never given up."""
     frames = bursts(1, frames=3)
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = [w for f in frames for w in assembler.add(f, T0 - YEAR)] + assembler.flush()
     assert [w.accelerations["y6"].values.size for w in windows] == [750]
     assert sorted(clock_faults(windows)) == sorted((0, channel.label, "repaired") for channel in CHANNELS)
@@ -155,7 +156,7 @@ def test_a_short_recording_from_the_future_is_not_lost():
 def test_a_clock_that_was_ahead_and_is_set_right_is_followed():
     frames = bursts(8, frames=12)
     sent = [*moved(frames[:192], 399 * DAY), *frames[192:]]
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = []
     for f, s in zip(frames, sent, strict=True):
         windows += assembler.add(s, f.end_time_ns)
@@ -167,7 +168,7 @@ def test_a_clock_that_was_ahead_and_is_set_right_is_followed():
 def test_one_channel_with_a_wrong_clock_does_not_stop_the_others():
     frames = bursts(6)
     sent = [dataclasses.replace(f, start_time_ns=f.start_time_ns + DAY) if f.channel == ACCEL else f for f in frames]
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = []
     for f, s in zip(frames, sent, strict=True):
         windows += assembler.add(s, f.end_time_ns)
@@ -183,12 +184,12 @@ def test_a_restart_at_any_frame_around_a_clock_that_is_set_loses_and_doubles_not
     frames = unbroken(80.0)
     sent = [*frames[:640], *moved(frames[640:], -HOUR)]
     chosen = AssemblySettings(settle=4, length=5.0)
-    before, windows, saved = Assembler(chosen), [], None
+    before, windows, saved = Windows(chosen), [], None
     for f in sent[:stop]:
-        for window, state in before.assemble(f):
-            windows.append(window)
-            saved = json.loads(json.dumps(state))
-    after = Assembler.from_dict(saved, chosen) if saved else Assembler(chosen)
+        if made := before.add(f):
+            windows += made
+            saved = json.loads(json.dumps(before.to_dict()))
+    after = Windows.from_dict(saved, chosen) if saved else Windows(chosen)
     for f in sent:  # all from the start again
         windows += after.add(f)
     windows += after.flush()
@@ -202,7 +203,7 @@ def test_a_sequence_number_at_its_end_does_not_count_as_frames_lost():
     frames = bursts(4)
     wild = next(f for f in frames[24:] if f.channel == ACCEL)
     sent = [dataclasses.replace(f, sequence=2**64 - 1) if f is wild else f for f in frames]
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     windows = [w for f in sent for w in assembler.add(f)] + assembler.flush()
     assert len(windows) == 4
     assert assembler.counters["accel/y6"].get("lost", 0) <= 1
@@ -210,7 +211,7 @@ def test_a_sequence_number_at_its_end_does_not_count_as_frames_lost():
 
 
 def test_what_is_remembered_of_used_frames_is_bounded():
-    assembler = Assembler(AssemblySettings(settle=2, length=1.0))
+    assembler = Windows(AssemblySettings(settle=2, length=1.0))
     saved = [state for f in unbroken(600.0, channels=(ACCEL,)) for _, state in assembler.assemble(f)][-1]
     assert len(json.dumps(saved["timelines"])) < 3000
     assert assembler.add(frame(ACCEL, 17, 4.25)) == []
@@ -218,11 +219,11 @@ def test_what_is_remembered_of_used_frames_is_bounded():
 
 
 def test_when_the_newest_frame_came_is_known_and_outlives_a_restart():
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     frames = bursts(3)
     saved = [state for f in frames for _, state in assembler.assemble(f, f.end_time_ns + 7 * NS)][-1]
     assert assembler.last_arrival_ns == frames[-1].end_time_ns + 7 * NS
-    again = Assembler.from_dict(json.loads(json.dumps(saved)))
+    again = Windows.from_dict(json.loads(json.dumps(saved)))
     assert again.last_arrival_ns > frames[24].end_time_ns and again.closed_until_ns > T0
 
 
@@ -231,7 +232,7 @@ def test_a_logger_that_asks_what_is_stored_is_followed_when_its_clock_is_set_rig
     """It was taken for a recording that was made before what is stored, until the time had come that it had shown."""
     frames = bursts(8, frames=12)
     sent = [*moved(frames[:192], ahead), *frames[192:]]
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     assembler.recorded = True
     windows = [w for f, s in zip(frames, sent, strict=True) for w in assembler.add(s, f.end_time_ns)]
     windows += assembler.flush()
@@ -247,7 +248,7 @@ def test_a_logger_that_asks_what_is_stored_is_followed_when_its_clock_is_set_rig
 def test_a_recording_of_few_frames_from_the_future_is_not_waited_for_without_end(number):
     """Fewer frames than show that a clock was set were held as long as nothing else came."""
     frames = bursts(2, frames=12)
-    assembler = Assembler(AssemblySettings(settle=4))
+    assembler = Windows(AssemblySettings(settle=4))
     assembler.recorded = True
     now = frames[-1].end_time_ns
     before = [w for f in frames for w in assembler.add(f, now)] + assembler.flush()

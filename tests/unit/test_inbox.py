@@ -8,10 +8,10 @@ import time
 import pytest
 from streams import ACCEL, ASSET, CHANNELS, bursts, content, unbroken
 
-from service.stream.assembly import Assembler
 from service.stream.frames import NS
 from service.stream.inbox import BAD_KEY, MOST_STREAMS, Arrival, Inbox, Marker, Shed
 from service.stream.left_out import MANY_STREAMS, NO_ROOM, Missing
+from service.stream.windows import Windows
 from service.stream.wire.codec import encode, start_time_of
 from service.stream.wire.topics import topic_of
 
@@ -71,7 +71,7 @@ def test_room_is_bounded_in_bytes_even_for_one_frame():
 
 @pytest.mark.parametrize("start", [0, 2**63, 2**64 - 1])
 def test_a_time_that_no_frame_can_have_makes_no_window_of_what_is_left_out(start):
-    inbox, assembler = Inbox(max_bytes=1000), Assembler()
+    inbox, assembler = Inbox(max_bytes=1000), Windows()
     payload = encode(bursts(1)[0])
     inbox.offer(topic_of(ACCEL), payload[:1] + start.to_bytes(8, "little") + payload[9:])
     (item,) = taken(inbox)
@@ -134,7 +134,7 @@ def test_frames_that_cannot_be_read_do_not_keep_others_out():
 
 def windows_of(items):
     """The windows of frames, among which stretches (begin, end, frames by channel) were left out."""
-    assembler, windows = Assembler(), []
+    assembler, windows = Windows(), []
     for item in items:
         if isinstance(item, tuple):
             assembler.leave_out(Missing(*item))
@@ -181,7 +181,7 @@ def test_windows_that_are_left_out_whole_are_refused_windows():
 
 
 def test_position_is_where_the_earliest_frame_in_memory_starts():
-    assembler, frames = Assembler(), bursts(3, frames=8)
+    assembler, frames = Windows(), bursts(3, frames=8)
     assert assembler.position.unsettled_from_ns is None
     for frame in frames[:40]:
         assembler.add(frame)
@@ -196,5 +196,5 @@ def test_position_is_where_the_earliest_frame_in_memory_starts():
     assert found.unsettled_from_ns is None and found.settled_until_ns >= frames[-1].start_time_ns
     newest = found.channels[ACCEL.label]
     assert (newest.sequence, newest.start_ns) == (frames[-4].sequence, frames[-4].start_time_ns)
-    restored = Assembler.from_dict(assembler.to_dict()).position
+    restored = Windows.from_dict(assembler.to_dict()).position
     assert restored.channels == found.channels and restored.unsettled_from_ns is None

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from streams import PINION, bursts
 
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.repeats import BETWEEN, DEFAULT, EVERY, FIRST, LATEST, Repeats
+from service.stream.windows import Windows
 
 SETTINGS = AssemblySettings(settle=4)
 
 
-def used(frames) -> Assembler:
-    assembler = Assembler(SETTINGS)
+def used(frames) -> Windows:
+    assembler = Windows(SETTINGS)
     for frame in frames:
         assembler.add(frame)
     assembler.flush()
@@ -36,9 +37,7 @@ def altered(frames):
 @pytest.fixture(params=[False, True], ids=["at once", "after a restart"])
 def again(request):
     def restored(assembler):
-        return (
-            Assembler.from_dict(json.loads(json.dumps(assembler.to_dict())), SETTINGS) if request.param else assembler
-        )
+        return Windows.from_dict(json.loads(json.dumps(assembler.to_dict())), SETTINGS) if request.param else assembler
 
     return restored
 
@@ -65,7 +64,7 @@ def test_a_part_that_is_sent_again_after_its_link_was_lost_is_no_sign_of_anythin
 def test_frames_that_are_sent_again_before_their_window_has_closed_are_no_sign_of_anything(taken):
     """A publisher sends what is not stored once more whenever a service begins anew; people were asked about it."""
     frames = bursts(1, frames=20)[:taken]
-    assembler = Assembler(SETTINGS)
+    assembler = Windows(SETTINGS)
     for _ in range(1 + DEFAULT.run // taken + 1):
         for frame in frames:
             assert assembler.add(frame) == []
@@ -74,7 +73,7 @@ def test_frames_that_are_sent_again_before_their_window_has_closed_are_no_sign_o
 
 def test_other_frames_at_the_times_of_the_window_in_progress_are_seen_to_be_others():
     frames = bursts(1, frames=20)[:30]
-    assembler = Assembler(SETTINGS)
+    assembler = Windows(SETTINGS)
     for frame in (*frames, *altered(frames), *altered(frames), *altered(frames)):
         assert assembler.add(frame) == []
     assert assembler.repeats.other > 64 and assembler.repeats.suspicious()
@@ -102,7 +101,7 @@ def test_a_frame_of_a_new_time_ends_the_run():
 
 def test_a_few_copies_and_late_frames_are_no_run():
     frames = bursts(3)
-    assembler = Assembler(SETTINGS)
+    assembler = Windows(SETTINGS)
     for frame in frames:
         assembler.add(frame)
         assembler.add(frame)

@@ -10,8 +10,9 @@ from streams import ASSET, T0, bursts, content, unbroken
 
 from service.contract.window import slow_channels
 from service.errors import FrameError
-from service.stream.assembly import Assembler, AssemblySettings
+from service.stream.assembly import AssemblySettings
 from service.stream.frames import NS, SampleFrame
+from service.stream.windows import Windows
 from service.stream.wire.codec import decode, encode
 from service.stream.wire.topics import Channel, parse_topic, topic_of
 
@@ -35,7 +36,7 @@ def merged(frames, temperatures):
 
 
 def assembled(frames, settings=None):
-    assembler = Assembler(settings or AssemblySettings())
+    assembler = Windows(settings or AssemblySettings())
     windows = [w for f in frames for w in assembler.add(f)] + assembler.flush()
     return windows, assembler
 
@@ -74,7 +75,7 @@ def test_temperatures_that_go_on_between_bursts_neither_join_nor_hold_up_nor_cha
 
 def test_a_temperature_that_the_rig_file_names_and_that_never_comes_is_not_waited_for():
     chosen = AssemblySettings(settle=4, expected=("temperature/oil",))
-    assembler = Assembler(chosen)
+    assembler = Windows(chosen)
     assert [w for f in bursts(3) for w in assembler.add(f)]
 
 
@@ -94,11 +95,11 @@ def test_frames_given_again_change_nothing_and_are_counted():
 
 
 def test_the_last_known_value_outlives_a_restart():
-    assembler = Assembler(AssemblySettings())
+    assembler = Windows(AssemblySettings())
     for frame in merged(bursts(1), [oil(0.5, 60.0)]):
         assembler.add(frame)
     ((_, saved),) = assembler.finish()
-    again = Assembler.from_dict(json.loads(json.dumps(saved)))
+    again = Windows.from_dict(json.loads(json.dumps(saved)))
     windows = [w for f in bursts(2)[24:] for w in again.add(f)] + again.flush()
     assert shown(windows[0]) == {"value": pytest.approx(60.0), "unit": "°C", "values": 0, "age_s": pytest.approx(7.5)}
 
@@ -118,7 +119,7 @@ def test_one_value_may_stand_for_any_time_but_a_frame_no_longer_than_the_contrac
 
 @pytest.mark.slow
 def test_temperatures_alone_make_no_window_and_are_bounded():
-    assembler = Assembler(AssemblySettings())
+    assembler = Windows(AssemblySettings())
     for i in range(20_000):
         assert assembler.add(oil(float(i), 60.0, sequence=i)) == []
     assert not assembler.waiting and assembler.flush() == []

@@ -8,15 +8,15 @@ import random
 import pytest
 from streams import ACCEL, CHANNELS, bursts, content, unbroken
 
-from service.stream.assembly import Assembler
 from service.stream.frames import NS
 from service.stream.publishers import Publishers, two_publishers
+from service.stream.windows import Windows
 
 MOST = 2**64 - 1
 
 
 def windows_of(frames):
-    assembler = Assembler()
+    assembler = Windows()
     return [w for frame in frames for w in assembler.add(frame)] + assembler.flush(), assembler
 
 
@@ -127,7 +127,7 @@ def test_frames_on_their_way_in_one_moment_name_nobody():
 
 
 def test_two_that_are_named_are_a_fault_of_the_next_window_that_changes_nothing_else():
-    assembler, frames = Assembler(), bursts(2)
+    assembler, frames = Windows(), bursts(2)
     undisturbed = windows_of(frames)[0]
     assembler.note(two_publishers(ACCEL.label, ("x/1", "y/2")))
     first, second = [w for frame in frames for w in assembler.add(frame)] + assembler.flush()

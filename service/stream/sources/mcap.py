@@ -19,10 +19,11 @@ from mcap.records import McapRecord, Message
 
 from service.errors import FrameError, InputError
 from service.files.documents import parsed_document
-from service.stream.assembly import DEFAULT, Assembler, AssemblySettings
+from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import LENGTH_LIMITS, NS, Frame
 from service.stream.sources.mcap_scan import Block, Contents, read_block, scan
+from service.stream.windows import Windows
 from service.stream.wire.codec import decode, schema_fault
 from service.stream.wire.topics import PREFIX, Channel, parse_topic
 from twin.windows import Window
@@ -245,8 +246,8 @@ def windows_of(recording: Recording, settings: AssemblySettings = DEFAULT) -> It
         raise InputError(
             f"{recording.path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one"
         )
-    assembler = Assembler(settings)
-    assembler.expect(label for asset in recording.assets for label in recording.labels(asset))
-    for frame in recording.frames(lambda channel, _: assembler.count(channel.label, "invalid")):
-        yield from assembler.add(frame)
-    yield from assembler.flush()
+    windows = Windows(settings)
+    windows.expect(label for asset in recording.assets for label in recording.labels(asset))
+    for frame in recording.frames(lambda channel, _: windows.count(channel.label, "invalid")):
+        yield from windows.add(frame)
+    yield from windows.flush()

@@ -1,4 +1,4 @@
-"""Recordings written by the contract, section 2: chunked, indexed, zstd, with CRCs."""
+"""Recordings written by the contract, section 2: chunked, indexed, with CRCs; zstd, or as they are."""
 
 from __future__ import annotations
 
@@ -40,6 +40,8 @@ class RecordingWriter:
         rig_text: bytes | None = None,
         metadata: dict[str, str] | None = None,
         prefix: str = PREFIX,
+        chunk_bytes: int = 2**20,
+        compressed: bool = True,
     ):
         self.path = Path(path)
         try:
@@ -48,7 +50,8 @@ class RecordingWriter:
             raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
         self._size = 0  # once it is closed
         self._prefix, self._channels, self._json = prefix, dict[Channel, int](), dict[str, int]()
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_crcs=True)
+        compression = CompressionType.ZSTD if compressed else CompressionType.NONE
+        self._writer = Writer(self._file, chunk_size=chunk_bytes, compression=compression, enable_crcs=True)
         self._writer.start(profile="", library="gear-twin")
         if rig_text is not None:
             self._writer.add_attachment(0, 0, RIG_ATTACHMENT, "application/toml", rig_text)

@@ -109,7 +109,7 @@ class _Fields:
         length = self._varint()
         if self.at + length != len(self.payload) or length % kind.itemsize:
             raise _Unusual
-        return np.frombuffer(self.payload, kind, offset=self.at).astype(kind.newbyteorder("="))
+        return np.frombuffer(self.payload, kind, offset=self.at).astype(kind.newbyteorder("="), copy=False)
 
 
 _FLOAT, _DOUBLE = np.dtype("<f4"), np.dtype("<f8")
@@ -143,13 +143,16 @@ def _quickly(kind: Any, channel: Channel, payload: bytes) -> Frame:
 def decode(channel: Channel, payload: bytes) -> Frame:
     """The frame in a payload; raises FrameError where the contract is broken.
 
-    Most messages hold each field once, in order and to the end: their values are taken as they lie there.
+    Most messages hold each field once, in order and to the end: their values are left where they lie, and the frame
+    keeps the payload.
     """
     kind = CHANNEL_KINDS[channel.kind]
     try:
-        return _quickly(kind, channel, payload)
+        frame = _quickly(kind, channel, payload)
     except (_Unusual, IndexError, struct.error, FrameError):
         return _decoded(kind, channel, payload)
+    object.__setattr__(frame, "payload", payload)
+    return frame
 
 
 def _decoded(kind: Any, channel: Channel, payload: bytes) -> Frame:
@@ -178,7 +181,9 @@ def _decoded(kind: Any, channel: Channel, payload: bytes) -> Frame:
 
 
 def encode(frame: Frame) -> bytes:
-    """The payload of a frame."""
+    """The payload of a frame, as it came where that is known."""
+    if frame.payload is not None:
+        return frame.payload
     if isinstance(frame, EncoderFrame):
         message = pb.EncoderFrame(
             start_time_ns=frame.start_time_ns,
@@ -186,13 +191,20 @@ def encode(frame: Frame) -> bytes:
             sequence=frame.sequence,
             first_edge_index=frame.first_edge_index,
         )
-        message.edge_offset_ns.extend(frame.edge_offsets_ns.tolist())
-    else:
-        message = pb.SampleFrame(
-            start_time_ns=frame.start_time_ns, sample_rate_hz=frame.sample_rate, sequence=frame.sequence
-        )
-        message.values.extend(frame.values.tolist())
-    return message.SerializeToString()
+        return message.SerializeToString() + _packed(0x2A, frame.edge_offsets_ns.astype(_DOUBLE).tobytes())
+    message = pb.SampleFrame(
+        start_time_ns=frame.start_time_ns, sample_rate_hz=frame.sample_rate, sequence=frame.sequence
+    )
+    return message.SerializeToString() + _packed(0x22, frame.values.astype(_FLOAT).tobytes())
+
+
+def _packed(tag: int, values: bytes) -> bytes:
+    """All values, the last field of a message; none are not written."""
+    length, size = bytearray([tag]), len(values)
+    while size >= 0x80:
+        length.append(size & 0x7F | 0x80)
+        size >>= 7
+    return bytes([*length, size]) + values if values else b""
 
 
 def schema_data() -> bytes:
