@@ -26,8 +26,9 @@ import sqlalchemy as sa
 from benchmarks.trace_campaigns.generate import FOLDER, RIG
 from recordings.generator.deliver import simulate_file
 from service.fleet.census import Census, census
-from service.fleet.databases import engine_of
-from service.fleet.layout import Layout, partition_of, schema_of
+from service.fleet.databases import engine_of, front_tables
+from service.fleet.layout import Layout, partition_of
+from service.results.database import Database
 from service.runtime.demo import free_port
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
@@ -278,6 +279,7 @@ class Plant:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.endpoint, self.layout = folder, endpoint, Layout(partitions)
         self.tables = engine_of(url, poolclass=sa.NullPool)
+        self.database = Database(front_tables(url, self.layout))
         self._arguments = [str(TESTS / "fleet_up.py")] if fake else ["-m", "service", "fleet", "up", "--no-front"]
         self._settings = {
             "DATA": str(folder / "data"), "DATABASE": url, "CONNECT": json.dumps([endpoint]), "NEW_ASSETS": "adopt",
@@ -302,8 +304,8 @@ class Plant:
         process = self._process = program(*self._arguments, said=said, environment=self.nodes.environment, **given)
         reached: dict[str, Callable[[], bool]] = {
             "tables and actors": lambda: "fleet of" in said.read_text(),
-            "first partition": lambda: len(self.census().nodes) > 0,
-            "all partitions": lambda: not self.census().silent,
+            "first partition": lambda: any(row["served"] for row in self.census().partitions),
+            "all partitions": lambda: not self.census().not_served,
         }
         try:
             for name, ready in reached.items():
@@ -321,6 +323,7 @@ class Plant:
         ended(self._process)
         self.nodes.__exit__()
         self.tables.dispose()
+        self.database.close()
 
     @property
     def pids(self) -> list[int]:
@@ -330,7 +333,7 @@ class Plant:
 
     def census(self) -> Census:
         """Which partitions are served."""
-        return census(self.tables, self.layout)
+        return census(self.database)
 
     def spent(self) -> Spent:
         """Processor times of all its processes."""
@@ -339,9 +342,8 @@ class Plant:
     def windows(self) -> int:
         """How many are committed."""
         self._asked += 1
-        parts = " UNION ALL ".join(f"SELECT count(*) AS n FROM {schema_of(p)}.windows" for p in self.layout.all)
         with self.tables.connect() as db:
-            return int(db.exec_driver_sql(f"SELECT sum(n) FROM ({parts}) AS each").scalar_one())
+            return int(db.exec_driver_sql("SELECT count(*) FROM windows").scalar_one())
 
     def await_windows(self, count: int) -> None:
         """Until so many windows are committed."""

@@ -33,7 +33,7 @@ from benchmarks.fleet_plant import (
     tree,
     wait_until,
 )
-from service.fleet.layout import partition_of, schema_of
+from service.fleet.layout import partition_of
 from service.stream.frames import NS
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
@@ -153,12 +153,12 @@ class RealFleet:
 
     def restart(self) -> tuple[float, float]:
         """Kills the worker of a partition: time until another one has it, and the processor time that this took [s]."""
-        rows = self.plant.census().rows
+        rows = self.plant.census().partitions
         tokens = [row["token"] for row in rows]
         begun = time.time()
         psutil.Process(_process_of(rows[0]["worker"])).kill()
         seconds = self._served({0}, tokens) - begun
-        times = psutil.Process(_process_of(self.plant.census().rows[0]["worker"])).cpu_times()
+        times = psutil.Process(_process_of(self.plant.census().partitions[0]["worker"])).cpu_times()
         return seconds, times.user + times.system
 
     def commit(self) -> float:
@@ -195,7 +195,7 @@ class RealFleet:
             if load.lose_at is not None:
                 time.sleep(load.lose_at)
                 before_loss = self._so_far(begun)
-                tokens = [row["token"] for row in self.plant.census().rows]
+                tokens = [row["token"] for row in self.plant.census().partitions]
                 lost_at = time.time()
                 gone = self._kill_node()
                 served = self._served(gone, tokens) - lost_at
@@ -255,9 +255,9 @@ class RealFleet:
         with self.plant.tables.connect() as db:
             for partition, assets in sent.items():
                 rows = db.exec_driver_sql(
-                    "SELECT asset, start_ns, extract(epoch FROM pg_xact_commit_timestamp(xmin)) "
-                    f"FROM {schema_of(partition)}.windows "
-                    f"WHERE number > 0 AND start_ns BETWEEN {start_ns} AND {start_ns + APART_NS // 2}"
+                    "SELECT asset, start_ns, extract(epoch FROM pg_xact_commit_timestamp(windows.xmin)) "
+                    f"FROM windows JOIN assets USING (asset) WHERE share = {partition} "
+                    f"AND number > 0 AND start_ns BETWEEN {start_ns} AND {start_ns + APART_NS // 2}"
                 )
                 for asset, start, at in rows:
                     until = start + round((WINDOW_S + FRAME_S / 2) * NS)
@@ -268,7 +268,7 @@ class RealFleet:
     def _kill_node(self) -> set[int]:
         """Kills a node with all that runs on it; the partitions that it served."""
         lost = {process.pid for process in tree(self.plant.nodes.processes["node-1"].pid)}
-        rows = self.plant.census().rows
+        rows = self.plant.census().partitions
         gone = {row["partition"] for row in rows if _process_of(row["worker"]) in lost}
         assert gone, f"no partition was on the node that was killed: {rows}"
         self.plant.nodes.kill("node-1")

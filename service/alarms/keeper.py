@@ -133,7 +133,7 @@ class AlarmKeeper:
         alarm = self.store.apply(asset, change, iso_time(at.time_ns), at.window)
         if alarm is None or change.verb in SILENT:
             return ()
-        return self._told(change.verb, alarm)
+        return self._told(asset, change.verb, alarm)
 
     # -- people --------------------------------------------------------------------------------------
 
@@ -141,7 +141,7 @@ class AlarmKeeper:
         """`acknowledged` or `cleared` by name: the alarm afterwards and the event; None where that cannot be done."""
         signed = {"by": by, "note": note, "at": iso_time(self._clock())}
         alarm = self.store.sign(asset, number, verb, signed)
-        return None if alarm is None else (alarm, self._told(verb, alarm))
+        return None if alarm is None else (alarm, self._told(asset, verb, alarm))
 
     def changed(self, asset: str) -> None:
         """What people have acknowledged or cleared of an asset, here or at another front end, is shown by now."""
@@ -154,11 +154,11 @@ class AlarmKeeper:
             changed, self._changed = tuple(sorted(self._changed)), set()
         return changed
 
-    def _told(self, verb: str, alarm: Mapping[str, Any]) -> Events:
+    def _told(self, asset: str, verb: str, alarm: Mapping[str, Any]) -> Events:
         """The event of a change, and the messages that wait to be sent."""
         told = {"verb": verb, "alarm": dict(alarm)}
         for url in self._webhooks:
-            self.store.enqueue(url, {"kind": "alarm", "asset": alarm["asset"], **told}, self._clock())
+            self.store.enqueue(asset, url, {"kind": "alarm", "asset": alarm["asset"], **told}, self._clock())
         if self._webhooks:
             self.waiting.set()
         return (("alarm", told),)

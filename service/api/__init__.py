@@ -55,7 +55,6 @@ def create_app(
     figures: Callable[[], collector.Figures] = dict,
     signals: KeptSignals | None = None,
     alarms: AlarmKeeper | None = None,
-    names: Names | None = None,
     baselines: BaselineStore | Callable[[str], BaselineStore] | None = None,
     access: Access | None = None,
     limits: Limits | None = None,
@@ -73,7 +72,6 @@ def create_app(
     figures    of the process for /metrics, by their names in the catalogue: `queue_frames`, …
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
-    names      of the assets; None for those of the store's database
     baselines  healthy baselines of single assets, or where those of an asset are kept; None where none are
     access     whom it lets in; None for clients of this computer alone
     limits     what one client may ask of it; None for the usual ones, under any name
@@ -96,14 +94,14 @@ def create_app(
     app.state.health = health or Health()
     app.state.library = None if signals is None else _library(signals, store, board)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
-    app.state.names = names or Names(store.database)
+    app.state.names = Names(store.database)
     app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
     app.state.unserved = unserved
     app.state.incoming = incoming or incoming_routes.Incoming()
     app.state.queue = queue or JobQueue(Jobs(store.database))
     app.state.decision_wait = DECISION_WAIT if queue else 0.0
     app.state.access = admitted = access or Access()
-    app.state.audit = log = audit or AuditLog(store.database, jobs=app.state.queue.jobs)
+    app.state.audit = log = audit or AuditLog(store.database)
     counts: Counter[str] = Counter()
     app.state.registry = collector.registry(
         board,

@@ -4,77 +4,102 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
 
 from service.contract.base import iso_time
-from service.fleet.front_database import tables_of
 from service.fleet.heartbeat import SILENT
-from service.fleet.layout import ASSETS_A_PARTITION, PARTITIONS, SERVER_NOW, Layout, schema_of
+from service.fleet.layout import ASSETS_A_PARTITION, PARTITIONS, SERVER_NOW
 from service.results.schema import ASSETS
+from service.results.store import Tables
 
 NS = 1_000_000_000
+_ALL = sa.select(PARTITIONS, (SERVER_NOW - PARTITIONS.c.seen_ns).label("silent_ns")).order_by(PARTITIONS.c.number)
+_COUNTS = sa.select(ASSETS.c.share, ASSETS.c.level, sa.func.count()).group_by(ASSETS.c.share, ASSETS.c.level)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Partition:
+    """One partition, and what its worker has said last.
+
+    token     of whoever may commit
+    taken_ns  since when [Unix time, ns]
+    """
+
+    number: int
+    token: int
+    worker: str | None
+    node: str | None
+    taken_ns: int | None
+    served: bool
+    figures: Mapping[str, Any]
+
+    @property
+    def not_ready(self) -> str | None:
+        """Why the worker takes no frames, or None."""
+        return self.figures.get("not_ready")
+
+
+def partitions(database: Tables) -> list[Partition]:
+    """All partitions, by number."""
+    return [
+        Partition(
+            number=row.number, token=row.token, worker=row.worker, node=row.node, taken_ns=row.taken_ns,
+            served=row.silent_ns is not None and row.silent_ns <= SILENT * NS, figures=row.figures or {},
+        )
+        for row in database.rows(_ALL)
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Census:
-    """All partitions at one moment."""
+    """All partitions at one moment, as `fleet status --json` gives them.
 
-    nodes: Mapping[int, str] = field(default_factory=dict)  # of partitions that are served: the node's number
-    silent: Mapping[int, float] = field(default_factory=dict)  # time without a worker [s]; infinite: never had one
-    rows: tuple[Mapping[str, Any], ...] = ()
-    assets: Mapping[str, int] = field(default_factory=dict)  # number by level of the status
+    assets  their number by level of the status
+    """
+
+    partitions: tuple[Mapping[str, Any], ...]
+    assets: Mapping[str, int]
+
+    @property
+    def not_served(self) -> list[int]:
+        """Partitions without a worker."""
+        return [row["partition"] for row in self.partitions if not row["served"]]
 
     @property
     def crowded(self) -> list[int]:
         """Partitions with more assets than Zenoh recovers in time."""
-        return [row["partition"] for row in self.rows if row["assets"] > ASSETS_A_PARTITION]
+        return [row["partition"] for row in self.partitions if row["assets"] > ASSETS_A_PARTITION]
 
     def to_dict(self) -> dict[str, Any]:
-        """As `fleet status --json` gives it."""
         return {
-            "partitions": [dict(row) for row in self.rows],
-            "not_served": sorted(self.silent),
+            "partitions": [dict(row) for row in self.partitions],
+            "not_served": self.not_served,
             "crowded": self.crowded,
             "assets": dict(self.assets),
         }
 
 
-def census(tables: sa.Engine, layout: Layout) -> Census:
+def census(database: Tables) -> Census:
     """What the tables say now."""
-    age = (SERVER_NOW - PARTITIONS.c.seen_ns).label("age_ns")
-    with tables.connect() as db:
-        partitions = db.execute(sa.select(PARTITIONS, age).order_by(PARTITIONS.c.number)).mappings().all()
-        counts, levels = Counter[int](), Counter[str]()
-        made = set(sa.inspect(db).get_schema_names())
-        for number in (number for number in layout.all if schema_of(number) in made):
-            table = tables_of(number)[ASSETS.name]
-            for level, count in db.execute(sa.select(table.c.level, sa.func.count()).group_by(table.c.level)):
-                counts[number] += count
-                levels[level] += count
-    nodes, silent, rows = {}, {}, []
-    for row in partitions:
-        seconds = float("inf") if row["age_ns"] is None else row["age_ns"] / NS
-        served = seconds <= SILENT
-        if served:
-            nodes[row["number"]] = row["node"] or ""
-        else:
-            silent[row["number"]] = seconds
-        figures = row["figures"] or {}
-        rows.append(
-            {
-                "partition": row["number"],
-                "served": served,
-                "node": row["node"],
-                "worker": row["worker"],
-                "since": None if row["taken_ns"] is None else iso_time(row["taken_ns"]),
-                "assets": counts.get(row["number"], 0),
-                "waiting": int(figures.get("backlog_windows", 0)),
-                "not_ready": figures.get("not_ready"),
-                "token": row["token"],
-            }
-        )
-    assert len(rows) == layout.partitions
-    return Census(nodes=nodes, silent=silent, rows=tuple(rows), assets=levels)
+    counts, levels = Counter[int](), Counter[str]()
+    for number, level, count in database.rows(_COUNTS):
+        counts[number] += count
+        levels[level] += count
+    rows = tuple(
+        {
+            "partition": found.number,
+            "served": found.served,
+            "node": found.node,
+            "worker": found.worker,
+            "since": None if found.taken_ns is None else iso_time(found.taken_ns),
+            "assets": counts.get(found.number, 0),
+            "waiting": int(found.figures.get("backlog_windows", 0)),
+            "not_ready": found.not_ready,
+            "token": found.token,
+        }
+        for found in partitions(database)
+    )
+    return Census(partitions=rows, assets=levels)

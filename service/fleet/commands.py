@@ -47,7 +47,6 @@ def up(
     config: ConfigFile = None,
 ) -> None:
     """Have Ray run the fleet, here or on a cluster, until Ctrl-C. All settings: `gear-twin config`."""
-    from service.cli.show import progress_bar
     from service.fleet.up import prepared
     from service.fleet.up import up as run
     from service.logs import logging_by
@@ -57,9 +56,7 @@ def up(
         config=config,
     )  # fmt: skip
     with logging_by(settings):
-        with progress_bar("tables") as bar:
-            layout = prepared(settings, lambda done, of: bar(done / of, f"{done} of {of} partitions"))
-        run(settings, layout, front=not no_front, announce=lambda line: print(line, flush=True))
+        run(settings, prepared(settings), front=not no_front, announce=lambda line: print(line, flush=True))
 
 
 @app.command()
@@ -97,13 +94,15 @@ def router(
 @app.command()
 def status(database: Database = None, config: ConfigFile = None, json: JsonFile = None) -> int:
     """Print which partitions are served, by which node, with how many assets; the exit status is 1 where one is not."""
+    from service.fleet.census import census
     from service.fleet.show import print_status
     from service.json_text import wrote_json
 
-    found = _census(_settings(database=database, config=config))
+    with _opened(_settings(database=database, config=config)) as store:
+        found = census(store.database)
     if not wrote_json(found.to_dict(), json):
         print_status(found)
-    return 1 if found.silent else 0
+    return 1 if found.not_served else 0
 
 
 @app.command()
@@ -114,23 +113,25 @@ def key(
 ) -> None:
     """Print the first part of the keys under which an asset publishes: what `replay --prefix` takes."""
     from service.errors import InputError
-    from service.fleet.lookup import partition_in_use
+    from service.fleet.layout import share_of
     from service.stream.wire.topics import NAME
 
     if not NAME.fullmatch(asset):
         raise InputError(f"ASSET = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
     settings = _settings(database=database, config=config)
-    tables, layout = _tables(settings)
-    print(layout.prefix_of(partition_in_use(tables, layout, asset), settings.prefix))
+    with _opened(settings) as store:
+        layout = store.database.backend.layout
+        print(layout.prefix_of(share_of(store.database, asset, layout), settings.prefix))
 
 
 @app.command()
 def down(database: Database = None, address: Address = None, data: Data = None, config: ConfigFile = None) -> None:
     """End all partitions in good order: what is committed stays, and what waits is left to the next start."""
     from service.errors import DeliveryError
+    from service.fleet.databases import layout_at
     from service.fleet.engine import Engine
     from service.fleet.ray_session import ray_session
-    from service.fleet.up import RUNNING, running
+    from service.fleet.up import RUNNING, database_of, running
 
     settings = _settings(database=database, fleet_address=address, data=data, config=config)
     if settings.fleet_address is None:
@@ -142,7 +143,7 @@ def down(database: Database = None, address: Address = None, data: Data = None, 
                 raise DeliveryError(f"fleet up, process {process}, has not ended within {DOWN_WITHIN:g} s")
             time.sleep(0.1)
     else:
-        _, layout = _tables(settings)
+        layout = layout_at(database_of(settings))
         with ray_session(settings.fleet_address) as ray:
             engine = Engine(ray, settings, layout)
             engine.find()
@@ -150,28 +151,11 @@ def down(database: Database = None, address: Address = None, data: Data = None, 
     print("the fleet has ended")
 
 
-def _tables(settings: Any) -> tuple[Any, Any]:
-    """Connections to what all partitions share, and the layout; InputError where there is no fleet."""
-    import sqlalchemy as sa
-
-    from service.errors import InputError
-    from service.fleet.databases import engine_of, reached
-    from service.fleet.layout import layout_of
+def _opened(settings: Any) -> Any:
+    """The store of the fleet, as front ends have it; StoreError where there is no fleet."""
+    from service.fleet.databases import front_tables, layout_at
     from service.fleet.up import database_of
+    from service.results.sql_store import SqlStore
 
     database = database_of(settings)
-    tables = engine_of(database, poolclass=sa.NullPool)
-    with reached(database):
-        layout = layout_of(tables)
-    if layout is None:
-        raise InputError("the database holds no fleet: gear-twin fleet up makes one")
-    return tables, layout
-
-
-def _census(settings: Any) -> Any:
-    from service.fleet.census import census
-    from service.fleet.databases import reached
-    from service.fleet.up import database_of
-
-    with reached(database_of(settings)):
-        return census(*_tables(settings))
+    return SqlStore(front_tables(database, layout_at(database)))

@@ -1,10 +1,10 @@
 """Who may commit the results of a partition: the one that took it last, and nobody who had it before.
 
 Each partition has a row with a token (`layout.PARTITIONS`). Whoever takes the partition raises the token. Every
-transaction that writes to the partition's tables locks the row first and compares: a worker whose token is no longer
-the present one commits nothing more, whether it was cut off, suspended or only slow. The lock also lets the writing
-transactions of one partition follow one another, those of the front ends as well, so that the order of the numbers
-they give out is the order in which they were committed.
+transaction of a worker that writes locks the row first and compares: a worker whose token is no longer the present one
+commits nothing more, whether it was cut off, suspended or only slow. The lock also lets the transactions that write to
+the assets of one partition follow one another, those of the front ends as well, so that the order of the numbers of an
+asset is the order in which they were committed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import sqlalchemy as sa
 from sqlalchemy import Connection, bindparam
@@ -23,6 +23,7 @@ from sqlalchemy import Connection, bindparam
 from service.errors import StoreError
 from service.fleet.layout import PARTITIONS, expect_revision
 from service.results.commit_marks import Mark, marked
+from service.results.schema import ASSETS
 
 ABANDONED = 15_000  # after which a session that stands still within a transaction is ended by the server [ms]
 _TAKE = (
@@ -32,6 +33,12 @@ _TAKE = (
     .returning(PARTITIONS.c.token)
 )
 _LOCK = sa.select(PARTITIONS.c.token).where(PARTITIONS.c.number == bindparam("of")).with_for_update()
+_SHARE = sa.select(ASSETS.c.share).where(ASSETS.c.asset == bindparam("asset")).scalar_subquery()
+_LOCK_OF = (
+    sa.select(PARTITIONS.c.number)
+    .where(PARTITIONS.c.number == sa.func.coalesce(_SHARE, bindparam("hashed")))
+    .with_for_update(of=PARTITIONS)
+)
 _HELD = _LOCK.where(PARTITIONS.c.token == bindparam("held"))
 _END_OTHERS = sa.text(
     "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
@@ -76,14 +83,8 @@ class Fence:
         self.token = db.execute(_TAKE, given).scalar_one()
         return self.token
 
-    def check(self, db: Connection) -> None:
-        """At the begin of a transaction: Fenced where another worker has taken the partition since."""
-        found = db.execute(_LOCK, {"of": self.partition}).scalar()
-        if found != self.token or found is None:
-            self._refuse()
-
     def marked(self, db: Connection, writer: str, number: int) -> Mark:
-        """As `check`, and the mark by which the transaction's outcome can be asked for, in one statement."""
+        """At the begin of a transaction: its mark; Fenced where another worker has taken the partition since."""
         mark = marked(db, writer, number, _HELD, {"of": self.partition, "held": self.token})
         return mark or self._refuse()
 
@@ -97,8 +98,10 @@ def named(partition: int) -> str:
     return f"gear-twin p{partition:03d}"
 
 
-def lock(db: Connection, partition: int) -> None:
-    """For those who only add rows that the partition's worker then acts on: their turn among its transactions."""
-    found: Any = db.execute(_LOCK, {"of": partition}).scalar()
-    if found is None:
-        raise StoreError(f"the fleet has no partition {partition}")
+def locked(db: Connection, asset: str, hashed: int) -> int:
+    """The partition of an asset, for those who only add rows that its worker then acts on: their turn among its
+    transactions.
+
+    hashed  the partition of an asset that is new
+    """
+    return int(db.execute(_LOCK_OF, {"asset": asset, "hashed": hashed}).scalar_one())

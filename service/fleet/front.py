@@ -1,36 +1,39 @@
 """A front end of a fleet: the whole of REST and the page, from the fleet's database. It keeps nothing itself.
 
-Any number of front ends may run at the same time, and each may end at any time. What people decide is written to the
-partition of its asset; the worker of the partition carries it out.
+Any number of front ends may run at the same time, and each may end at any time. What people decide is carried out by
+the worker of the asset's partition.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
-
-import sqlalchemy as sa
-from sqlalchemy.exc import DBAPIError
+from pathlib import Path
+from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.api import create_app
 from service.api.incoming import Incoming
 from service.errors import StoreError
-from service.fleet.databases import engine_of, made
-from service.fleet.front_board import FleetBoard
-from service.fleet.front_incoming import FleetProposals, FleetUnknown
-from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetJobs, FleetNames, FleetSignals, baselines_of
-from service.fleet.front_position import FleetPositions
-from service.fleet.front_store import FleetStore
+from service.fleet.databases import front_tables, layout_at
+from service.fleet.front_position import position_of
 from service.fleet.front_watch import FrontWatch
-from service.fleet.layout import Layout, layout_of, schema_of
+from service.fleet.layout import Layout, folder_of, share_of
+from service.fleet.reported import FleetProposals, FleetUnknown
 from service.operation.health import FLEET, Health
 from service.operation.systemd import READY, STOPPING, notify
+from service.results.alarm_store import AlarmStore
+from service.results.asset_table import AssetTable
+from service.results.audit_log import AuditLog
+from service.results.baseline_store import BaselineStore
+from service.results.data_folder import BASELINES, SIGNALS
 from service.results.job_queue import JobQueue
-from service.results.storage_faults import storage_error
+from service.results.jobs import Jobs
+from service.results.signal_reading import KeptFile, KeptSignals, folder_in, found_in
+from service.results.sql_store import SqlStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.all_figures import figures_of
@@ -41,7 +44,7 @@ from service.runtime.storage_wait import StoppedWaiting, opened
 from service.settings import Settings
 
 DECIDED_WITHIN = 0.5  # how often who waits for a decision looks whether it is done [s]
-NO_FLEET = "the database holds no fleet: gear-twin fleet up makes one"
+AUDIT_LOCK = 7_219_434  # of whoever adds an entry; other numbers are in `layout`, `claims` and `migrate`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,9 +52,9 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
     """What a front end answers from; closed when it is left."""
 
     layout: Layout
-    store: FleetStore
+    store: SqlStore
     alarms: AlarmKeeper
-    board: FleetBoard
+    board: AssetTable
     queue: JobQueue
     watch: FrontWatch
 
@@ -61,12 +64,12 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
         if settings.database is None:
             raise StoreError("the setting database must name the fleet's database: postgresql://user@host/name")
         database = settings.database.get_secret_value()
-        layout = _prepared(database)
-        store = FleetStore(database, layout)
-        alarms = AlarmKeeper(FleetAlarms(store), rules_of(settings), settings.webhooks)
-        board = FleetBoard(store, alarms)
-        queue = JobQueue(FleetJobs(store), DECIDED_WITHIN)
-        watch = FrontWatch(database, store.fleet, board, queue.done)
+        layout = layout_at(database)
+        store = SqlStore(front_tables(database, layout))
+        alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
+        board = AssetTable(store, alarms)
+        queue = JobQueue(Jobs(store.database), DECIDED_WITHIN)
+        watch = FrontWatch(database, store.database, board, queue.done)
         return cls(layout=layout, store=store, alarms=alarms, board=board, queue=queue, watch=watch)
 
     def end(self) -> None:
@@ -76,7 +79,7 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
 
     def __exit__(self, *_: object) -> None:
         self.watch.end()
-        self.store.fleet.close()
+        self.store.close()
 
 
 def serve_front(
@@ -103,19 +106,23 @@ def serve_front(
             stop=stop,
         )
         own = stack.enter_context(waiting)
+
+        def folder(asset: str) -> Path:
+            """Where the worker of an asset keeps its files."""
+            return settings.data / folder_of(share_of(own.store.database, asset, own.layout))
+
         app = create_app(
             own.board,
             own.store,
             own.queue,
             not_ready=own.watch.not_ready,
             figures=figures_of(own.watch.figures, front.figures),
-            signals=FleetSignals(own.store, settings.data),
+            signals=_Signals(folder),
             alarms=own.alarms,
-            names=FleetNames(own.store),
-            baselines=baselines_of(own.store, settings.data).of,
+            baselines=lambda asset: BaselineStore(own.store.database, folder(asset) / BASELINES, clears=False),
             access=access,
             limits=limits_of(settings),
-            audit=FleetAudit(own.store.database, settings.audit_entries, own.queue.jobs),
+            audit=FrontAudit(own.store.database, settings.audit_entries),
             labelled_assets=None,
             health=health,
             incoming=_incoming_of(settings, own),
@@ -142,31 +149,28 @@ def serve_front(
 def _incoming_of(settings: Settings, own: FrontEnd) -> Incoming:
     """What the workers have written of the network's side. What a worker proposes, it proposes itself."""
     asks = settings.rule_of_new_assets[0] == "ask"
-    unknown = FleetUnknown(own.store, asks, own.watch.of_workers)
-    return Incoming(unknown=unknown, proposals=FleetProposals(own.store), position=FleetPositions(own.store).of)
+    database = own.store.database
+    unknown = FleetUnknown(database, own.layout, asks, own.watch.of_workers)
+    position = partial(position_of, own.store, own.layout)
+    return Incoming(unknown=unknown, proposals=FleetProposals(database), position=position)
 
 
-def _prepared(database: str) -> Layout:
-    """The fleet's layout; the tables of partitions that no worker has had yet are made."""
-    with _engine(database) as engine:
-        layout = layout_of(engine)
-        if layout is None:
-            raise StoreError(NO_FLEET)
-        schemas = set(sa.inspect(engine).get_schema_names())
-    for number in layout.all:
-        if schema_of(number) not in schemas:
-            made(database, number, layout.partitions)
-    return layout
+class FrontAudit(AuditLog):
+    """The audit log, in which several front ends write."""
+
+    def enter(self, *given: Any, **named: Any) -> int:
+        """Adds an entry; the numbers of entries rise in the order in which they are committed."""
+        with self.transaction() as db:
+            db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({AUDIT_LOCK})")
+            return super().enter(*given, **named)
 
 
-@contextmanager
-def _engine(database: str) -> Iterator[sa.Engine]:
-    """For a look at the layout; failures of the server as errors of the service."""
-    engine = engine_of(database, poolclass=sa.NullPool)
-    try:
-        yield engine
-    except DBAPIError as error:
-        name = engine.url.render_as_string(hide_password=True)
-        raise storage_error(error.orig or error, name, lost=error.connection_invalidated) or error from error
-    finally:
-        engine.dispose()
+class _Signals(KeptSignals):
+    """Raw windows that the workers keep, read from their folders each time, as far as this front end sees them."""
+
+    def __init__(self, folder: Callable[[str], Path]) -> None:
+        """folder  of the worker of an asset"""
+        self._folder = folder
+
+    def files(self, asset: str) -> Mapping[int, KeptFile]:
+        return found_in(folder_in(self._folder(asset) / SIGNALS, asset))

@@ -2,61 +2,33 @@
 
 from __future__ import annotations
 
-import logging
-import threading
-import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
-
-import sqlalchemy as sa
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from service.errors import NewerTables, StoreError
-from service.fleet.databases import url_of
-from service.fleet.front_board import FleetBoard
-from service.fleet.front_database import FleetDatabase
-from service.fleet.heartbeat import SILENT
-from service.fleet.layout import PARTITIONS, SERVER_NOW
+from service.fleet.census import Partition, partitions
+from service.fleet.channel import Follower
+from service.fleet.layout import look
 from service.fleet.notices import CHANGED
 from service.operation.metric_catalogue import METRICS
-
-log = logging.getLogger(__name__)
-
-LOOK_EVERY = 2.0  # at who serves the partitions [s]
-WAIT = 0.5  # for a notification, and until the thread ends [s]
-GATHER = 0.02  # during which notifications are taken together [s]
-PAUSE = 1.0  # after the connection was lost [s]
-STOP_WAIT = 3.0  # [s]
-NS = 1e9
+from service.results.asset_table import AssetTable
+from service.results.store import Tables
 
 LEAST = {"network_connected"}  # figures of which the smallest of all partitions counts
 GREATEST = {"storage_unavailable", "store_bytes", "twin_call_seconds", "raw_recording_newest_seconds"}
 GREATEST |= {"raw_recording_stopped"}
 
-_PARTITIONS = sa.select(
-    PARTITIONS.c.number, (SERVER_NOW - PARTITIONS.c.seen_ns).label("silent_ns"), PARTITIONS.c.figures
-).order_by(PARTITIONS.c.number)
 
-
-class Partition(NamedTuple):
-    """What a partition's worker has said last."""
-
-    number: int
-    served: bool
-    figures: Mapping[str, Any]
-
-
-class FrontWatch(threading.Thread):
+class FrontWatch(Follower):
     """Follows the rows of assets and partitions, until ended.
 
     changed  called after rows of assets have been written: who waits looks again
     """
 
-    def __init__(self, database: str, fleet: FleetDatabase, board: FleetBoard, changed: Callable[[], None]) -> None:
-        super().__init__(name="fleet", daemon=True)
-        self._url = url_of(database).set(drivername="postgresql").render_as_string(hide_password=False)
-        self._fleet, self._board, self._changed = fleet, board, changed
-        self._stopping = threading.Event()
+    def __init__(self, database: str, tables: Tables, board: AssetTable, changed: Callable[[], None]) -> None:
+        super().__init__(database, CHANGED, "fleet")
+        self._tables, self._board, self._changed = tables, board, changed
         self._partitions: list[Partition] = []
         self._reason: str | None = "the fleet's partitions have not been looked at yet"
 
@@ -70,9 +42,11 @@ class FrontWatch(threading.Thread):
 
     def figures(self) -> dict[str, Any]:
         """Figures of the fleet for /metrics, and those of its workers together."""
-        partitions = self._partitions
-        served = len(partitions) - len(self.unserved())
-        found: dict[str, Any] = {"fleet_partitions": len(partitions), "fleet_partitions_served": served}
+        count = len(self._partitions)
+        found: dict[str, Any] = {
+            "fleet_partitions": count,
+            "fleet_partitions_served": count - len(self.unserved()),
+        }
         try:
             found["fleet_assets"] = self._board.levels()
         except StoreError:
@@ -85,50 +59,22 @@ class FrontWatch(threading.Thread):
 
     def look(self) -> None:
         """Reads who serves the partitions, and whether the fleet's tables are of this release."""
-        self._fleet.look()
-        rows = self._fleet.shared.rows(_PARTITIONS)
-        self._partitions = [
-            Partition(number, silent is not None and silent / NS < SILENT, figures or {})
-            for number, silent, figures in rows
-        ]
+        look(self._tables)
+        self._partitions = partitions(self._tables)
         self._reason = None
 
-    def run(self) -> None:
-        """Works until ended; after each new connection everything counts as changed."""
-        import psycopg
+    def begun(self) -> None:
+        self._board.changed()
+        self._changed()
 
-        while not self._stopping.is_set():
-            try:
-                with psycopg.connect(self._url, autocommit=True, connect_timeout=5) as connection:
-                    connection.execute(f"LISTEN {CHANGED}")
-                    self._board.changed()
-                    self._changed()
-                    self._follow(connection)
-            except NewerTables as error:
-                self._reason = str(error)
-                self._stopping.wait(PAUSE)
-            except (psycopg.Error, StoreError) as error:
-                self._reason = f"the fleet's database cannot be used now: {str(error).strip().splitlines()[0]}"
-                log.debug("the notifications of the fleet: %s", error)
-                self._stopping.wait(PAUSE)
+    def take(self, said: Iterable[str]) -> None:
+        self._board.changed(*said)
+        self._changed()
 
-    def end(self) -> None:
-        """Ends the thread."""
-        self._stopping.set()
-        if self.is_alive():
-            self.join(STOP_WAIT)
-
-    def _follow(self, connection: Any) -> None:
-        look_at = 0.0
-        while not self._stopping.is_set():
-            if time.monotonic() >= look_at:
-                self.look()
-                look_at = time.monotonic() + LOOK_EVERY
-            assets = {said.payload for said in connection.notifies(timeout=WAIT, stop_after=1)}
-            if assets:
-                assets |= {said.payload for said in connection.notifies(timeout=GATHER)}
-                self._board.changed(*assets)
-                self._changed()
+    def lost(self, error: Exception) -> None:
+        why = str(error).strip().splitlines()[0]
+        newer = isinstance(error, NewerTables)
+        self._reason = why if newer else f"the fleet's database cannot be used now: {why}"
 
 
 def together(figures: list[Mapping[str, Any]]) -> dict[str, Any]:

@@ -1,14 +1,8 @@
-"""Where a fleet keeps what: one PostgreSQL database, a schema of its own for each partition, and one for all.
-
-| schema | holds |
-| --- | --- |
-| `fleet` | the number of partitions, who serves each and with which fencing token; an asset a row; names; audit log |
-| `p000`, `p001`, … | the tables of one service (`service/results/schema.py`), with the assets of one partition |
+"""Where a fleet keeps what: in one schema of one PostgreSQL database, with the tables of a service and some of its own.
 
 An asset belongs to the partition that its id hashes to, whatever it is called; one that takes over another one's frames
-is in the same partition as that (`naming.py`). The number of partitions is fixed when the fleet is created.
-The numbers that a partition's tables give out differ from those of every other partition, so that a decision or an
-inspection is found by its number alone.
+is in the same partition as that. Its row says so (`assets.share`). The number of partitions is fixed when the fleet is
+created. A partition is the share of the assets whose frames, windows and jobs one worker takes.
 
 All tables of a fleet are of one revision. Workers and front ends of a program with another one write nothing.
 
@@ -19,18 +13,17 @@ publishes to it as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy import BigInteger, Boolean, Column, Connection, Integer, LargeBinary, MetaData, Table, Text
+from sqlalchemy import BigInteger, Column, Connection, Integer, LargeBinary, MetaData, Table, Text
 from sqlalchemy.dialects import postgresql
 
 from service.errors import NewerTables, StoreError
-from service.results.schema import AUDIT, REVISION
-from service.results.schema import COMMITS as LAST_COMMITS
+from service.results.migrate import VERSION_TABLE, make_tables
+from service.results.schema import ASSETS, NAMES, REVISION
+from service.results.store import Tables
 from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
@@ -39,13 +32,10 @@ END_WAIT = 20.0  # for the end of a partition in good order [s]
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
 
-REVISED = "revision"  # the fact that says of which revision all tables of the fleet are
-
 SERVER_NOW = sa.cast(sa.func.extract("epoch", sa.func.clock_timestamp()) * 1_000_000_000, BigInteger)
 """Unix time by the server's clock [ns], the same for all machines."""
 
-METADATA = MetaData(schema=SCHEMA)
-FACTS = Table("facts", METADATA, Column("name", Text, primary_key=True), Column("value", Text, nullable=False))
+METADATA = MetaData()
 PARTITIONS = Table(
     "partitions",
     METADATA,
@@ -56,13 +46,6 @@ PARTITIONS = Table(
     Column("taken_ns", BigInteger),  # since when
     Column("seen_ns", BigInteger),  # when it last said that it is at work
     Column("figures", postgresql.JSONB),  # what it said
-)
-NAMES = Table(  # every name that was ever given
-    "names",
-    METADATA,
-    Column("name", Text, primary_key=True),
-    Column("partition", Integer, nullable=False),
-    Column("elsewhere", Boolean, nullable=False),  # whether it hashes to another partition
 )
 REPORTED = Table(
     "reported",
@@ -79,10 +62,11 @@ CURVES = Table(
     Column("name", Text, primary_key=True),  # of what it was made from
     Column("data", LargeBinary, nullable=False),  # compressed points: see `kept_curves`
 )
-AUDIT_LOG = AUDIT.to_metadata(METADATA, schema=SCHEMA)
-COMMITS = LAST_COMMITS.to_metadata(METADATA, schema=SCHEMA)
-PRESENT = sa.select(FACTS.c.value).where(FACTS.c.name == REVISED)  # revision of the tables
-_SHARED = PRESENT.with_for_update(read=True)
+_PRESENT: sa.Select = sa.select(sa.column("version_num", Text)).select_from(sa.table(VERSION_TABLE))  # revision
+_SHARED = _PRESENT.with_for_update(read=True)
+_SHARE = (
+    sa.select(ASSETS.c.share).join(NAMES, NAMES.c.asset == ASSETS.c.asset).where(NAMES.c.name == sa.bindparam("of"))
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +93,6 @@ class Layout:
         """The partition of an asset, or of the stream of this name."""
         return partition_of(asset, self.partitions)
 
-    def partition_of_number(self, number: int) -> int:
-        """The partition whose tables have given out a number."""
-        return (number - 1) % self.partitions
-
     def prefix_of(self, partition: int, prefix: str = PREFIX) -> str:
         """The first part of the keys under which the assets of a partition publish."""
         return prefix if self.partitions == 1 else f"{SCHEMA}/{partition:03d}/{prefix}"
@@ -128,13 +108,19 @@ def partition_of(asset: str, partitions: int) -> int:
     return int.from_bytes(digest, "big") % partitions
 
 
-def schema_of(partition: int) -> str:
-    """The database schema of a partition."""
+def folder_of(partition: int) -> str:
+    """The name of a partition's folder within the fleet's."""
     return f"p{partition:03d}"
 
 
+def share_of(database: Tables, name: str, layout: Layout) -> int:
+    """The partition of an asset, or of the stream of a name: where it is, and for a new one that of its hash."""
+    found = database.rows(_SHARE, {"of": name})
+    return found[0][0] if found else layout.partition_of(name)
+
+
 def create(engine: sa.Engine, partitions: int) -> Layout:
-    """Makes the tables of all, or finds them; the layout.
+    """Makes the tables, or finds them; the layout.
 
     Raises StoreError where the fleet was created with another number of partitions, or by another program.
     """
@@ -146,21 +132,34 @@ def create(engine: sa.Engine, partitions: int) -> Layout:
         if encoding != "UTF8":
             raise StoreError(f"the database has the encoding {encoding}: a fleet needs one with ENCODING 'UTF8'")
         db.exec_driver_sql(f"CREATE SCHEMA IF NOT EXISTS {SCHEMA}")
-        if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
+        layout = _layout(db)
+        if layout is None:
+            make_tables(db)
             METADATA.create_all(db)
-            db.execute(sa.insert(FACTS), [{"name": "partitions", "value": str(partitions)}])
-            db.execute(sa.insert(FACTS), [{"name": REVISED, "value": REVISION}])
             db.execute(sa.insert(PARTITIONS), [{"number": number} for number in range(partitions)])
             return Layout(partitions)
-        facts = _facts(db)
-        refuse_other(facts[REVISED])
-        layout = Layout(int(facts["partitions"]))
-        if layout.partitions != partitions:
-            raise StoreError(
-                f"partitions = {partitions}: this fleet was created with {layout.partitions}, and the number stays, "
-                "because the assets are divided by it; leave the setting out, or set it to that number"
-            )
-        return layout
+    if layout.partitions != partitions:
+        raise StoreError(
+            f"partitions = {partitions}: this fleet was created with {layout.partitions}, and the number stays, "
+            "because the assets are divided by it; leave the setting out, or set it to that number"
+        )
+    return layout
+
+
+def layout_of(engine: sa.Engine) -> Layout | None:
+    """The layout of a fleet; None where the database holds none. StoreError where another program made it."""
+    with engine.connect() as db:
+        return _layout(db)
+
+
+def _layout(db: Connection) -> Layout | None:
+    tables = sa.inspect(db)
+    if tables.has_table("facts"):  # a fleet with a schema for each partition
+        refuse_other("0")
+    if not tables.has_table(PARTITIONS.name):
+        return None
+    refuse_other(db.execute(_PRESENT).scalar())
+    return Layout(db.execute(sa.select(sa.func.count()).select_from(PARTITIONS)).scalar_one())
 
 
 def expect_revision(db: Connection) -> None:
@@ -168,16 +167,9 @@ def expect_revision(db: Connection) -> None:
     refuse_other(db.execute(_SHARED).scalar())
 
 
-def layout_of(engine: sa.Engine) -> Layout | None:
-    """The layout of a fleet; None where the database holds none. StoreError where another program made it."""
-    with engine.connect() as db:
-        if not sa.inspect(db).has_table(FACTS.name, schema=SCHEMA):
-            return None
-        facts = _facts(db)
-    if not facts:
-        return None
-    refuse_other(facts[REVISED])
-    return Layout(int(facts["partitions"]))
+def look(database: Tables) -> None:
+    """StoreError where the fleet's tables are of another release."""
+    refuse_other(database.rows(_PRESENT)[0][0])
 
 
 def refuse_other(present: str | None) -> None:
@@ -194,24 +186,3 @@ def refuse_other(present: str | None) -> None:
             "the fleet's tables are from before the first release, which no program reads any more: begin with an "
             "empty database, and assess the recordings anew (gear-twin replay)"
         )
-
-
-def separate_numbers(db: Connection, partition: int, partitions: int) -> None:
-    """Lets every counter of a partition's tables give out numbers of this partition alone; repeated without effect."""
-    schema = schema_of(partition)
-    counters: Iterable[Any] = db.execute(
-        sa.text("SELECT sequencename, increment_by, last_value FROM pg_sequences WHERE schemaname = :of"),
-        {"of": schema},
-    ).all()
-    for name, step, last in counters:
-        if step == partitions and last is not None:
-            continue
-        if last is not None:
-            raise StoreError(f"{schema}.{name} has given out numbers before the fleet was divided")
-        db.exec_driver_sql(
-            f'ALTER SEQUENCE {schema}."{name}" INCREMENT BY {partitions} MINVALUE 1 RESTART WITH {partition + 1}'
-        )
-
-
-def _facts(db: Connection) -> dict[str, str]:
-    return {name: value for name, value in db.execute(sa.select(FACTS.c.name, FACTS.c.value))}

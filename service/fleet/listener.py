@@ -1,32 +1,29 @@
-"""What front ends have written for a partition is looked at as soon as they say so: notifications of PostgreSQL."""
+"""A partition's worker and the front ends: what they have written is looked at as soon as they say so, by notifications
+of PostgreSQL, and what the worker alone knows is written for them.
+"""
 
 from __future__ import annotations
 
 import logging
-import threading
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from service.alarms.keeper import AlarmKeeper
 from service.errors import StoreError
-from service.fleet.databases import url_of
+from service.fleet.channel import Follower
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import DISMISSED, NAMED, channel_of
-from service.results.job_queue import ALARM, ASSET
+from service.fleet.notices import ASSET, DISMISSED, NAMED, channel_of
+from service.results.job_queue import ALARM
+from service.results.job_queue import ASSET as BEGUN
 from service.runtime.worker import Kept
 
 log = logging.getLogger(__name__)
 
-LOOK_EVERY = 5.0  # without a notification [s]
-PAUSE = 1.0  # after a connection was lost [s]
-STOP_WAIT = 3.0  # [s]
 
-
-class Listener(threading.Thread):
+class Listener(Follower):
     """Wakes a partition's worker, until ended.
 
-    look     called after each notification: the worker looks at what waits
+    wake     called after each notification: the worker looks at what waits
+    report   writes what waits for people, where it has changed
     propose  makes a rig file that was offered for an asset a proposal
     streams  of the partition: read again when a name has been given that hashes to another one
     """
@@ -36,82 +33,53 @@ class Listener(threading.Thread):
         database: str,
         partition: int,
         kept: Kept,
-        alarms: AlarmKeeper,
-        look: Callable[[], None],
+        wake: Callable[[], None],
+        report: Callable[[], None],
         propose: Callable[[str, Mapping[str, Any]], None],
         streams: PartitionStreams,
     ) -> None:
-        super().__init__(name="listener", daemon=True)
-        self._url = url_of(database).set(drivername="postgresql").render_as_string(hide_password=False)
-        self._partition, self._kept, self._alarms, self._look = partition, kept, alarms, look
+        super().__init__(database, channel_of(partition), "listener")
+        self._partition, self._kept, self._wake, self._report = partition, kept, wake, report
         self._propose, self._streams, self._names_given = propose, streams, True
-        self._stopping = threading.Event()
 
-    def run(self) -> None:
-        """Listens until ended; everything is looked at after each new connection."""
-        import psycopg
-
-        while not self._stopping.is_set():
-            try:
-                with psycopg.connect(self._url, autocommit=True, connect_timeout=5) as connection:
-                    connection.execute(f"LISTEN {channel_of(self._partition)}")
-                    self._listen(connection)
-            except psycopg.Error as error:
-                log.debug("the notifications of partition %d: %s", self._partition, error)
-            except Exception as error:  # whatever it is, the next connection looks at everything
-                log.warning(
-                    "a notification of partition %d could not be followed: %r", self._partition, error, exc_info=error
-                )
-            self._stopping.wait(PAUSE)
-
-    def end(self) -> None:
-        """Ends the thread."""
-        self._stopping.set()
-        if self.is_alive():
-            self.join(STOP_WAIT)
-
-    def _listen(self, connection: object) -> None:
-        from psycopg import Connection as Session
-
-        assert isinstance(connection, Session)
-        look_at = 0.0
+    def begun(self) -> None:
         self._names_given = True
-        while not self._stopping.is_set():
-            if time.monotonic() >= look_at:
-                self._look_at_all()
-                look_at = time.monotonic() + LOOK_EVERY
-            for said in connection.notifies(timeout=0.5, stop_after=1):
-                what, _, asset = said.payload.partition(" ")
-                self._take_up(what, asset)
-                self._look()
 
-    def _look_at_all(self) -> None:
-        """What notifications that were lost would have said."""
+    def look(self) -> None:
+        """Finds what notifications that were lost would have said, and writes what waits for people."""
         kept = self._kept
         kept.queue.asked.set()
         try:
             self._read_names()
             for asset in kept.store.assets():
                 self._show_new(asset)
-        except StoreError as error:
-            log.debug("the assets of partition %d are looked for later: %s", self._partition, error)
-        self._look()
+            self._report()
+        except StoreError as error:  # whoever keeps windows says it
+            log.debug("what waits in partition %d is looked at later: %s", self._partition, error)
+        self._wake()
+
+    def take(self, said: Iterable[str]) -> None:
+        for each in said:
+            what, _, asset = each.partition(" ")
+            self._take_up(what, asset)
+        self._wake()
 
     def _take_up(self, what: str, asset: str) -> None:
         """What a front end has written concerns an asset."""
         kept = self._kept
         try:
-            if what == ALARM:
-                kept.told(what, asset)
-            elif what == ASSET:
+            if what == ASSET:
+                kept.queue.asked.set()
                 self._show_new(asset)
+                shown = kept.table.latest(asset)
+                assert kept.alarms is not None
+                if shown is not None and shown.alarms != kept.alarms.open(asset):
+                    kept.told(ALARM, asset)
             elif what == DISMISSED:
                 kept.unknown.dismiss(asset)
             elif what == NAMED:
                 self._names_given = True
                 self._read_names()
-            else:
-                kept.queue.asked.set()
         except StoreError as error:  # whoever keeps windows says it; the next look finds what is there
             log.debug("what was announced of %s waits: %s", asset, error)
 
@@ -125,6 +93,6 @@ class Listener(threading.Thread):
         kept = self._kept
         if kept.table.latest(asset) is None and asset in kept.store.assets():
             adopted = kept.unknown.find(asset)
-            kept.told(ASSET, asset)
+            kept.told(BEGUN, asset)
             if kept.store.asset(asset).rig is None and adopted is not None and adopted.rig is not None:
                 self._propose(asset, adopted.rig)

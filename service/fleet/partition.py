@@ -14,14 +14,14 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 
 from service.errors import StorageUnavailable
-from service.fleet.databases import partition_backend
+from service.fleet.databases import worker_tables
 from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
 from service.fleet.kept_curves import CurveWriter, StoredCurves
-from service.fleet.layout import Layout, schema_of
+from service.fleet.layout import Layout, folder_of
 from service.fleet.listener import Listener
 from service.fleet.naming import PartitionStreams
-from service.fleet.reported import ReportWriter
+from service.fleet.reported import Reports
 from service.fleet.searches import Searches, Submit
 from service.operation.health import FLEET, Health, Late
 from service.operation.telemetry import all_of, sending_traces
@@ -62,8 +62,8 @@ def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
     return settings.model_copy(
         update={
             "prefix": layout.prefix_of(partition, settings.prefix),
-            "data": settings.data / schema_of(partition),
-            "raw_folder": settings.raw_folder and settings.raw_folder / schema_of(partition),
+            "data": settings.data / folder_of(partition),
+            "raw_folder": settings.raw_folder and settings.raw_folder / folder_of(partition),
             "new_assets": settings.rule_of_new_assets[0],
             "workers": 1 if settings.workers is None else settings.workers,
         }
@@ -99,7 +99,7 @@ def serve_partition(
 
     @contextmanager
     def open_store() -> Iterator[SqlStore]:
-        with SqlStore(partition_backend(database, fence, layout.partitions), claimed=True) as store:
+        with SqlStore(worker_tables(database, fence, layout), claimed=True) as store:
             streams.read(store.database)
             yield store
 
@@ -123,13 +123,13 @@ def serve_partition(
         figures = figures_of(
             *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
         )
-        listener = Listener(database, partition, kept, begun.alarms, worker.look, begun.rigs.propose, streams)
+        reports = Reports(store.database, kept.unknown, begun.rigs.proposals)
+        listener = Listener(database, partition, kept, worker.look, reports.write, begun.rigs.propose, streams)
         parts = (
             curves,
             worker,
             webhooks,
             retention,
-            ReportWriter(store.database, partition, kept.unknown, begun.rigs.proposals),
             listener,
             Heartbeat(database, fence, figures, worker.not_ready, health.late),
         )

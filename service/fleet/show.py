@@ -11,7 +11,7 @@ def print_status(found: Census) -> None:
     from rich.table import Table
 
     table = Table("partition", "node", "worker", "since", "assets", "windows waiting", "state", box=None)
-    for row in found.rows:
+    for row in found.partitions:
         state = "served" if row["served"] else "not served"
         if row["served"] and row["not_ready"]:
             state = f"served, takes no frames: {row['not_ready']}"
@@ -22,7 +22,7 @@ def print_status(found: Census) -> None:
     console.print(table)
     levels = ", ".join(f"{count} {level.replace('_', ' ')}" for level, count in sorted(found.assets.items()))
     console.print(f"assets: {sum(found.assets.values())}" + (f" ({levels})" if levels else ""))
-    if found.silent:
-        console.print(f"not served: {', '.join(map(str, sorted(found.silent)))}")
+    if found.not_served:
+        console.print(f"not served: {', '.join(map(str, found.not_served))}")
     for partition in found.crowded:
         console.print(f"partition {partition} has more assets than are recovered in time: use more partitions")

@@ -16,7 +16,7 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from service.errors import InputError
-from service.fleet.databases import engine_of, made, reached
+from service.fleet.databases import engine_of, reached
 from service.fleet.engine import Engine
 from service.fleet.layout import Layout, create, layout_of
 from service.fleet.ray_session import ray_session
@@ -40,8 +40,8 @@ def database_of(settings: Settings) -> str:
     return settings.database.get_secret_value()
 
 
-def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda done, of: None) -> Layout:
-    """The tables of the fleet and of all its partitions, made where they are not there."""
+def prepared(settings: Settings) -> Layout:
+    """The layout of the fleet, whose tables are made where they are not there."""
     database = database_of(settings)
     for bridge in ("mqtt", "opcua"):
         if getattr(settings, bridge) is not None:
@@ -49,12 +49,7 @@ def prepared(settings: Settings, progress: Callable[[int, int], None] = lambda d
     with reached(database):
         engine = engine_of(database, poolclass=sa.NullPool)
         known = layout_of(engine)
-        wanted = settings.fleet_partitions or (known.partitions if known else PARTITIONS)
-        layout = create(engine, wanted)
-        for partition in layout.all:
-            made(database, partition, layout.partitions)
-            progress(partition + 1, layout.partitions)
-    return layout
+        return create(engine, settings.fleet_partitions or (known.partitions if known else PARTITIONS))
 
 
 def up(

@@ -50,7 +50,7 @@ _HISTORY = (
 _OLDEST = select(func.min(WEBHOOK_OUTBOX.c.number)).group_by(WEBHOOK_OUTBOX.c.url)
 _DUE = (
     select(*(WEBHOOK_OUTBOX.c[n] for n in ("number", "name", "url", "body", "created_ns", "attempts")))
-    .where(WEBHOOK_OUTBOX.c.next_ns <= bindparam("now"), WEBHOOK_OUTBOX.c.number.in_(_OLDEST))
+    .where(WEBHOOK_OUTBOX.c.next_ns <= bindparam("now"))
     .order_by(WEBHOOK_OUTBOX.c.number)
     .limit(bindparam("most"))
 )
@@ -143,6 +143,7 @@ class AlarmStore:
         A cleared quantity that is still beyond its limit is raised again after the rule's duration.
         """
         with self._database.transaction() as db:
+            self._database.ensure(db, asset)
             open_one = _OPEN_OF.where(ALARMS.c.id == number).add_columns(ALARMS.c.name)
             rows = db.execute(open_one, {"of": asset}).all()
             alarm = _read(*rows[0][:3]) if rows else None
@@ -166,14 +167,16 @@ class AlarmStore:
     def open(self, asset: str | None = None) -> tuple[Mapping[str, Any], ...]:
         """Open alarms of one asset, or of all, most urgent first."""
         rows = self._database.rows(_OPEN) if asset is None else self._database.rows(_OPEN_OF, {"of": asset})
-        return tuple(by_urgency(readable(rows)))
+        return tuple(by_urgency(_readable(rows)))
 
     def open_by_asset(self) -> dict[str, tuple[Mapping[str, Any], ...]]:
         """Open alarms by asset, most urgent first."""
         rows: dict[str, list[Any]] = {}
-        for *row, asset in self._database.rows(_OPEN.add_columns(ALARMS.c.asset)):
+        for *row, asset in self._database.rows(
+            _OPEN.add_columns(ALARMS.c.asset).where(self._database.own(ALARMS.c.asset))
+        ):
             rows.setdefault(asset, []).append(row)
-        return {asset: tuple(by_urgency(readable(own))) for asset, own in rows.items()}
+        return {asset: tuple(by_urgency(_readable(own))) for asset, own in rows.items()}
 
     def listed(
         self, asset: str | None = None, *, closed: bool = False, after: int = 0, limit: int = 1000
@@ -185,12 +188,12 @@ class AlarmStore:
         if asset is not None:
             query = query.where(ALARMS.c.asset == asset)
         rows = self._database.rows(query)
-        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(readable(rows)))
+        return tuple({**alarm, "history": self.history(alarm["id"])} for alarm in by_urgency(_readable(rows)))
 
     def alarm(self, asset: str, number: int) -> Mapping[str, Any] | None:
         """One alarm with its history; None where there is none."""
         rows = self._database.rows(_ALARM.where(ALARMS.c.asset == asset, ALARMS.c.id == number))
-        found = readable(rows)
+        found = _readable(rows)
         return {**found[0], "history": self.history(number)} if found else None
 
     def history(self, number: int) -> list[Any]:
@@ -201,21 +204,23 @@ class AlarmStore:
 
     # -- messages that wait to be sent ---------------------------------------------------------------
 
-    def enqueue(self, url: str, message: Mapping[str, Any], now_ns: int) -> None:
+    def enqueue(self, asset: str, url: str, message: Mapping[str, Any], now_ns: int) -> None:
         """Keeps a message until it has been delivered; its id stays the same however often it is sent."""
         name = str(uuid.uuid4())
         with self._database.transaction() as db:
             body = json.dumps(all_printable(plain({"id": name, **message})), allow_nan=False, separators=(",", ":"))
-            row = {"name": name, "url": url, "body": body, "created_ns": now_ns, "next_ns": now_ns}
+            self._database.ensure(db, asset)
+            row = {"asset": asset, "name": name, "url": url, "body": body, "created_ns": now_ns, "next_ns": now_ns}
             self._database.add(db, WEBHOOK_OUTBOX, row)
 
     def due(self, now_ns: int, limit: int = 50) -> list[tuple[int, str, str, str, int, int]]:
         """Messages to be sent now, the oldest of each address: number, id, address, body, created [ns], attempts."""
-        return [tuple(row) for row in self._database.rows(_DUE, {"now": now_ns, "most": limit})]
+        query = _DUE.where(WEBHOOK_OUTBOX.c.number.in_(_OLDEST.where(self._database.own(WEBHOOK_OUTBOX.c.asset))))
+        return [tuple(row) for row in self._database.rows(query, {"now": now_ns, "most": limit})]
 
     def waiting(self) -> int:
         """How many messages have not been delivered yet."""
-        return self._database.rows(_WAITING)[0][0]
+        return self._database.rows(_WAITING.where(self._database.own(WEBHOOK_OUTBOX.c.asset)))[0][0]
 
     def sent(self, number: int) -> None:
         """Forgets a message that was delivered, or given up."""
@@ -251,7 +256,7 @@ def _read(name: str, number: int, record: bytes) -> dict[str, Any] | None:
     return None if found is None else {**found, "asset": name}
 
 
-def readable(rows: Iterable[Any]) -> list[dict[str, Any]]:
+def _readable(rows: Iterable[Any]) -> list[dict[str, Any]]:
     """Alarms of rows with the asset's name, id and record; what is damaged is left out."""
     return [alarm for row in rows if (alarm := _read(*row)) is not None]
 

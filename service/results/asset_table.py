@@ -103,19 +103,13 @@ class AssetTable:
             self._due[asset] = None  # what the last run alone knew is over
         self._complete = True
 
-    # -- where they are ------------------------------------------------------------------------------
-
-    def _store_of(self, asset: str) -> SqlStore:
-        """Where the results of an asset are, or of one that has a name."""
-        return self._store
-
     # -- one asset -----------------------------------------------------------------------------------
 
     def get(self, asset: str) -> Snapshot | None:
         """The asset as it is committed, with what only this process knows; None where there is none."""
         self._old.discard(asset)
         try:
-            rows = self._store_of(asset).database.rows(_SEEN, {"of": asset})
+            rows = self._store.database.rows(_SEEN, {"of": asset})
             seen = Seen(*rows[0]) if rows else Seen()
             with self._lock:
                 made = self._made.get(asset)
@@ -155,11 +149,11 @@ class AssetTable:
         """The asset that is called so now."""
         if not NAME.fullmatch(name):
             return None
-        rows = self._store_of(name).database.rows(_LABELLED, {"of": name})
+        rows = self._store.database.rows(_LABELLED, {"of": name})
         return self.get(rows[0][0]) if rows else None
 
     def _read(self, asset: str, seen: Seen) -> Snapshot:
-        store = self._store_of(asset)
+        store = self._store
         snapshot = Snapshot.from_store(store, store.shown_asset(asset), seen.last_event_id)
         ((volatile,),) = store.database.rows(_VOLATILE, {"of": asset})
         alarms = () if self._alarms is None else self._alarms.open(asset)
@@ -200,7 +194,7 @@ class AssetTable:
 
     def write(self, snapshot: Snapshot) -> int:
         """Writes how an asset is shown by now, in the caller's transaction; the version of its row."""
-        return put(self._store_of(snapshot.asset).database, [snapshot])[snapshot.asset]
+        return put(self._store.database, [snapshot])[snapshot.asset]
 
     def written(self, snapshot: Snapshot, version: int) -> None:
         """A row has been committed of a snapshot that was made of the latest one, and is shown."""
@@ -243,7 +237,8 @@ class AssetTable:
     def _rows(self, query: Callable[[Table], Select], order: Sequence[str] = (), limit: int | None = None) -> list[Any]:
         """The rows that a query of the assets' table answers; by columns, of which one with `-` falls."""
         ordered = (ASSETS.c[name.lstrip("-")].desc() if name.startswith("-") else ASSETS.c[name] for name in order)
-        return self._store.database.rows(query(ASSETS).order_by(*ordered).limit(limit))
+        own = self._store.database.own(ASSETS.c.asset)
+        return self._store.database.rows(query(ASSETS).where(own).order_by(*ordered).limit(limit))
 
     def known(self) -> tuple[str, ...]:
         """The assets of which this process has a snapshot, sorted."""

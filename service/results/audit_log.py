@@ -50,10 +50,8 @@ _REFERRED = select(AUDIT.c.note).where(AUDIT.c.action == "key")
 class AuditLog:
     """Entries in the results' database; `keep` of them are kept."""
 
-    def __init__(self, database: Tables, keep: int = 100_000, jobs: Jobs | None = None) -> None:
-        """jobs  of which entries speak; None for those of the database"""
-        self._database, self._keep = database, keep
-        self._jobs = jobs or Jobs(database)
+    def __init__(self, database: Tables, keep: int = 100_000) -> None:
+        self._database, self._keep, self._jobs = database, keep, Jobs(database)
         self.entered = 0  # entries since the start
         self.keys_seen: object = None  # version of the list of keys that is entered
 

@@ -55,6 +55,16 @@ class Backend(Protocol):
         """Whether whoever opens the database brings its tables to the newest schema."""
         ...
 
+    @property
+    def writers(self) -> int:
+        """How many transactions of one process write at a time."""
+        ...
+
+    @property
+    def share(self) -> int | None:
+        """The share of the assets that is worked on; None for all of them."""
+        ...
+
     def claim(self) -> None:
         """Keeps other services from writing, until the process ends. StorageUnavailable where another does already."""
         ...
@@ -93,8 +103,16 @@ class Backend(Protocol):
         """At the begin of each transaction; StoreError where it may not write."""
         ...
 
+    def share_of(self, asset: str) -> int:
+        """The share that a new asset is of."""
+        ...
+
+    def turn(self, db: Connection, asset: str) -> None:
+        """Within a transaction, before it writes to an asset."""
+        ...
+
     def named(self, db: Connection, asset: str, name: str) -> None:
-        """Within the transaction that gives an asset a name; InputError where it may not have it."""
+        """Within the transaction that gives an asset a name."""
         ...
 
     def shown(self, db: Connection, assets: Sequence[str]) -> None:
@@ -126,12 +144,34 @@ def backend_of(where: Path | str) -> Backend:
     raise StoreError(f"the setting database names {kind}; it must be postgresql://… or sqlite:///FILE")
 
 
+class OneService:
+    """What is so where one service has the database for itself: one transaction writes at a time."""
+
+    upgrades: bool = True
+    writers: int = 1
+    share: int | None = None
+
+    def begun(self, db: Connection) -> None:
+        pass
+
+    def share_of(self, asset: str) -> int:
+        return 0
+
+    def turn(self, db: Connection, asset: str) -> None:
+        pass
+
+    def named(self, db: Connection, asset: str, name: str) -> None:
+        pass
+
+    def shown(self, db: Connection, assets: Sequence[str]) -> None:
+        pass  # who reads is woken in this process
+
+
 @dataclass(slots=True)
-class SqliteFile:
+class SqliteFile(OneService):
     """A file of SQLite."""
 
     path: Path
-    upgrades: bool = True
     _inode: tuple[int, int] | None = None
 
     @property
@@ -216,15 +256,6 @@ class SqliteFile:
                 reason="input or output",
             )
 
-    def begun(self, db: Connection) -> None:
-        pass
-
-    def named(self, db: Connection, asset: str, name: str) -> None:
-        pass  # the assets of one service have their names for themselves
-
-    def shown(self, db: Connection, assets: Sequence[str]) -> None:
-        pass  # who reads is woken in this process
-
     def mark(self, db: Connection) -> Mark | None:
         return None
 
@@ -248,12 +279,11 @@ def _log_ahead(connection: Any) -> None:
 
 
 @dataclass(slots=True)
-class Postgresql:
+class Postgresql(OneService):
     """A database of a PostgreSQL server."""
 
     url: URL
     path: Path | None = None
-    upgrades: bool = True
     claims: Claims | None = None  # of a service ...
     _claiming: Engine | None = None  # ... and the connection for writing that holds them
     identity: str = field(default_factory=lambda: uuid.uuid4().hex)  # of whoever writes here
@@ -321,15 +351,6 @@ class Postgresql:
 
     def verify(self) -> None:
         pass  # a server's database cannot be taken away under a connection
-
-    def begun(self, db: Connection) -> None:
-        pass  # the connection itself holds the claim
-
-    def named(self, db: Connection, asset: str, name: str) -> None:
-        pass
-
-    def shown(self, db: Connection, assets: Sequence[str]) -> None:
-        pass
 
     def mark(self, db: Connection) -> Mark:
         mark = marked(db, *self.next_transaction())

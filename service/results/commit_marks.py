@@ -26,15 +26,16 @@ KEPT_NS = 7 * 86_400 * 10**9  # how long the row of somebody who writes no more 
 NEVER_GIVEN = "22023"  # SQLSTATE of a question about a number that the server has not given out
 UNDER_WAY = "in progress"
 
-_DELETE_OLD = sa.delete(COMMITS).where(COMMITS.c.written_ns < sa.bindparam("before"))
-_PROBER = "probe"  # the row that says whether anything can be written
+_OLD = sa.select(COMMITS.c.writer).where(COMMITS.c.written_ns < sa.bindparam("before"))
+_DELETE_OLD = sa.delete(COMMITS).where(COMMITS.c.writer.in_(_OLD.with_for_update(skip_locked=True)))
+_PROBER = "probe"  # the row of each share that says whether anything can be written
 _STATUS = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
 
 
 def probe(database: Tables) -> None:
     """Writes, as a window is written. StorageUnavailable where nothing can be."""
     now = time.time_ns()
-    row = {"writer": _PROBER, "number": 0, "written_ns": now}
+    row = {"writer": f"{_PROBER} {database.share}", "number": 0, "written_ns": now}
     with database.transaction() as db:
         db.execute(
             database.insert(COMMITS).on_conflict_do_update(index_elements=["writer"], set_={"written_ns": now}), row
@@ -65,7 +66,7 @@ def marked(
     transaction = db.execute(_mark(held), {**own, **(given or {})}).scalar()
     if transaction is None:
         return None
-    if number == 1:  # after the mark: whoever else deletes them has taken its turn first
+    if number == 1:
         db.execute(_DELETE_OLD, {"before": now - KEPT_NS})
     return Mark(writer, number, str(transaction))
 

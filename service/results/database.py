@@ -3,8 +3,9 @@
     with database.transaction() as db:      # one transaction, also where several stores write within it
         db.execute(...)
 
-SQLite in WAL mode by default, PostgreSQL where its URL is given. One transaction at a time writes; reading has
-connections of its own and waits for no writer. A committed transaction outlives the process and the machine's power.
+SQLite in WAL mode by default, PostgreSQL where its URL is given. One transaction at a time writes, or as many as the
+backend lets write; reading has connections of its own and waits for no writer. A committed transaction outlives the
+process and the machine's power.
 """
 
 from __future__ import annotations
@@ -25,8 +26,22 @@ from service.errors import SteppedBack, StorageUnavailable, StoreError
 from service.results.backends import Backend, backend_of
 from service.results.commit_marks import Mark, is_there
 from service.results.migrate import upgrade
+from service.results.names import taken
 from service.results.schema import ASSETS, NAMES
 from service.results.storage_faults import storage_error
+
+_SHARE = sa.select(ASSETS.c.share).where(ASSETS.c.asset == sa.bindparam("of"))
+
+
+class _Begun(threading.local):
+    """What the present thread has begun.
+
+    db       of its transaction
+    ensured  assets of which the transaction has made sure that they have a row
+    """
+
+    db: Connection | None = None
+    ensured: set[str]
 
 
 class Database:
@@ -41,15 +56,13 @@ class Database:
         """
         self.backend: Backend = backend_of(where) if isinstance(where, Path | str) else where
         self.took: Callable[[str, float], object] = lambda what, seconds: None
-        self._insert_asset = self.backend.insert(ASSETS).on_conflict_do_nothing()
-        self._insert_name = self.backend.insert(NAMES).on_conflict_do_nothing()
-        self._write = threading.RLock()
-        self._current: Connection | None = None  # of the present transaction ...
-        self._owner: int | None = None  # ... and the thread that it is of
+        self._insert_asset = self.backend.insert(ASSETS).on_conflict_do_nothing().returning(ASSETS.c.asset)
+        self._insert_name = self.backend.insert(NAMES).on_conflict_do_nothing().returning(NAMES.c.name)
+        self._turns = threading.BoundedSemaphore(self.backend.writers)
+        self._present = _Begun()
         self._alone = claimed
         self._newest: Mark | None = None  # of the transactions that were confirmed to this process
         self._has_row: set[str] = set()  # assets that have a row for certain: nobody else may write
-        self._ensured: set[str] = set()  # those that the present transaction has ensured
         try:
             with self._faults():
                 if claimed:
@@ -74,9 +87,22 @@ class Database:
         """The file of an SQLite database."""
         return self.backend.path
 
+    @property
+    def share(self) -> int | None:
+        """The share of the assets that whoever opened it works on; None for all of them."""
+        return self.backend.share
+
+    def own(self, asset: sa.ColumnElement[str]) -> sa.ColumnElement[bool]:
+        """Whether the asset of a column is one of the share."""
+        if self.share is None:
+            return sa.true()
+        if asset is ASSETS.c.asset:
+            return ASSETS.c.share == self.share
+        return asset.in_(sa.select(ASSETS.c.asset).where(ASSETS.c.share == self.share))
+
     def close(self) -> None:
         """Closes all connections."""
-        with self._write:
+        with self._turns:
             self._writer.dispose()
             self._reader.dispose()
 
@@ -91,16 +117,27 @@ class Database:
         return key[0]
 
     def ensure(self, db: Connection, asset: str) -> None:
-        """Has a row for an asset, which the rows of other tables refer to."""
-        if asset in self._has_row or asset in self._ensured:
+        """Has a row for an asset, which the rows of other tables refer to; it comes before all else that is written.
+
+        InputError where another asset has or had the name, or the asset is of another share.
+        """
+        if asset in self._has_row or asset in self._present.ensured:
             return
-        if db.execute(self._insert_asset, {"asset": asset, "label": asset}).rowcount:
-            db.execute(self._insert_name, {"name": asset, "asset": asset, "labelled": asset})
-            self.backend.named(db, asset, asset)
-        self._ensured.add(asset)
+        self.backend.turn(db, asset)
+        share = db.execute(_SHARE, {"of": asset}).scalar()
+        if share is None:
+            share = self.backend.share_of(asset)
+            given = {"asset": asset, "label": asset, "share": share}
+            name = {"name": asset, "asset": asset, "labelled": asset}
+            if not (db.execute(self._insert_asset, given).first() and db.execute(self._insert_name, name).first()):
+                raise taken(asset)
+            self.named(db, asset, asset)
+        if self.share not in (None, share):
+            raise taken(asset)
+        self._present.ensured.add(asset)
 
     def named(self, db: Connection, asset: str, name: str) -> None:
-        """Within the transaction that gives an asset a name; InputError where others have or had it."""
+        """Within the transaction that gives an asset a name."""
         self.backend.named(db, asset, name)
 
     def shown(self, db: Connection, assets: Sequence[str]) -> None:
@@ -114,17 +151,17 @@ class Database:
         StorageUnavailable where the storage cannot be used now, StoreError where it is damaged; then nothing changed,
         except where the error says that the outcome is unknown.
         """
-        with self._write:
-            if self._current is not None:
-                yield self._current
-                return
+        if self._present.db is not None:
+            yield self._present.db
+            return
+        with self._turns:
             began = time.monotonic()
             with self._faults():
                 self.backend.verify()
                 with self._writer.connect() as db:
                     with self._begun(db):
                         yield db
-                        mark, ensured = self.backend.mark(db), self._ensured
+                        mark, ensured = self.backend.mark(db), self._present.ensured
                     self._commit(db, mark)
                     self._newest = mark or self._newest
                     if self._alone:
@@ -135,7 +172,7 @@ class Database:
     def _begun(self, db: Connection) -> Iterator[None]:
         """A transaction that is rolled back where its work fails."""
         db.begin()
-        self._current, self._owner, self._ensured = db, threading.get_ident(), set()
+        self._present.db, self._present.ensured = db, set()
         try:
             self.backend.begun(db)
             yield
@@ -144,7 +181,7 @@ class Database:
                 db.rollback()
             raise
         finally:
-            self._current, self._owner, self._ensured = None, None, set()
+            self._present.db = None
 
     def _look_back(self, connection: Any, _: object) -> None:
         """SteppedBack where a new connection leads to a database that lacks what was confirmed to this process."""
@@ -172,8 +209,8 @@ class Database:
     def rows(self, query: Executable, values: Mapping[str, Any] | None = None) -> list[Any]:
         """All rows that a query answers, within the thread's transaction where it has one; errors as those of it."""
         with self._faults():
-            if self._current is not None and self._owner == threading.get_ident():
-                return list(self._current.execute(query, values).all())
+            if self._present.db is not None:
+                return list(self._present.db.execute(query, values).all())
             began = time.monotonic()
             with self._reader.connect() as db:
                 found = list(db.execute(query, values).all())

@@ -19,11 +19,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Select, bindparam, func, select, update
+from sqlalchemy import Connection, Select, bindparam, func, select, text, update
 
 from service.results.json_columns import dump, salvage
 from service.results.rig_proposals import REJECTED
-from service.results.schema import JOBS
+from service.results.schema import JOBS, PEOPLES
 from service.results.store import Tables
 from service.steady_clock import later_time_ns
 
@@ -31,8 +31,7 @@ DECISION, INSPECTION, WINDOW = "decision", "inspection", "window"
 NO_CHANGES = (DECISION, INSPECTION, WINDOW)  # kinds that change nothing about the asset itself
 
 _JOB = select(JOBS).order_by(JOBS.c.id)
-_WAITS = (JOBS.c.done == 0) & (JOBS.c.kind != WINDOW)
-_PENDING = _JOB.where(_WAITS)
+_PENDING = _JOB.where(text(PEOPLES))
 _END = update(JOBS).where(JOBS.c.id == bindparam("number"), JOBS.c.done == 0)
 _VERBS = (
     select(JOBS.c.asset, JOBS.c.verb, func.count())
@@ -92,8 +91,8 @@ class Jobs:
         return found
 
     def pending(self) -> tuple[Job, ...]:
-        """Those of all assets that wait to be carried out, oldest first."""
-        return self._read(_PENDING)
+        """Those that wait to be carried out here, oldest first."""
+        return self._read(_PENDING.where(self._database.own(JOBS.c.asset)))
 
     def of(self, asset: str, kind: str, after: int = 0, limit: int | None = None) -> tuple[Job, ...]:
         """The jobs of one kind with an id above `after`, oldest first."""
@@ -110,7 +109,7 @@ class Jobs:
     def decision_counts(self) -> dict[str, dict[str, int]]:
         """How many decisions on effects were carried out, by asset and verb; one query for all assets."""
         counts: dict[str, dict[str, int]] = {}
-        for asset, verb, count in self._database.rows(_VERBS):
+        for asset, verb, count in self._database.rows(_VERBS.where(self._database.own(JOBS.c.asset))):
             counts.setdefault(asset, {})[verb] = count
         return counts
 

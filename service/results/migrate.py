@@ -15,7 +15,7 @@ from service.errors import NewerTables, StoreError
 from service.results.backends import Backend
 from service.results.schema import ASSETS, REVISION
 
-FIRST = "0010"  # revision
+FIRST = "0011"  # revision
 VERSION_TABLE = "alembic_version"
 FOLDER = Path(__file__).parent / "migrations"
 
@@ -26,7 +26,7 @@ def upgrade(backend: Backend) -> None:
     try:
         with engine.connect() as db, db.begin():
             if present(db, backend) != REVISION:
-                _run(db)
+                make_tables(db)
     finally:
         engine.dispose()
 
@@ -49,7 +49,7 @@ def present(db: Connection, backend: Backend) -> str | None:
     return stamped
 
 
-def _run(db: Connection) -> None:
+def make_tables(db: Connection) -> None:
     """Carries out Alembic's steps within the transaction of the connection."""
     from alembic.operations import Operations
     from alembic.runtime.migration import MigrationContext

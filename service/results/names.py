@@ -13,7 +13,8 @@ given twice.
 
 from __future__ import annotations
 
-from sqlalchemy import Connection, bindparam, select, update
+from sqlalchemy import bindparam, insert, select, update
+from sqlalchemy.exc import IntegrityError
 
 from service.errors import InputError
 from service.results.schema import ASSETS, NAMES
@@ -22,6 +23,11 @@ from service.results.store import Tables
 _LABEL = select(ASSETS.c.label).where(ASSETS.c.asset == bindparam("of"))
 _IS = NAMES.c.name == bindparam("of")
 _NOT_ITS_NAME = select(NAMES.c.name, NAMES.c.asset).where(NAMES.c.name != NAMES.c.asset)
+
+
+def taken(name: str) -> InputError:
+    """A name has been given before."""
+    return InputError(f"there is an asset {name!r} already, or one that was called so: give another name")
 
 
 class Names:
@@ -53,7 +59,9 @@ class Names:
 
     def routes(self) -> dict[str, str]:
         """The names under which another asset's frames come than that whose id it is, each with that asset."""
-        return {name: asset for name, asset in self.database.rows(_NOT_ITS_NAME)}
+        return {
+            name: asset for name, asset in self.database.rows(_NOT_ITS_NAME.where(self.database.own(NAMES.c.asset)))
+        }
 
     def is_free(self, name: str) -> bool:
         """Whether a name has never been given."""
@@ -64,7 +72,7 @@ class Names:
     def demand_free(self, name: str) -> None:
         """InputError where a name has been given before."""
         if not self.is_free(name):
-            raise InputError(f"there is an asset {name!r} already, or one that was called so: give another name")
+            raise taken(name)
 
     def rename(self, asset: str, name: str) -> None:
         """Gives an asset another label: a new name, or one that it had before. InputError where others have or had it.
@@ -72,15 +80,18 @@ class Names:
         Frames that come under the new name are the asset's, too.
         """
         with self.database.transaction() as db:
-            if self.labelled(name) != asset or self.label(asset) == name:
+            self.database.ensure(db, asset)
+            new = self.labelled(name) != asset or self.label(asset) == name
+            if new:
                 self.demand_free(name)
-                self._give(db, asset, name)
-            db.execute(update(ASSETS).where(ASSETS.c.asset == asset).values(label=name))
+            try:  # of several that give a name at the same time, one waits for the other, and is refused
+                with db.begin_nested():
+                    db.execute(update(ASSETS).where(ASSETS.c.asset == asset).values(label=name))
+                    if new:
+                        db.execute(insert(NAMES), {"name": name, "asset": asset, "labelled": asset})
+            except IntegrityError:
+                raise taken(name) from None
             self.database.named(db, asset, name)
-
-    def _give(self, db: Connection, asset: str, name: str) -> None:
-        self.database.ensure(db, asset)
-        db.execute(self.database.insert(NAMES), {"name": name, "asset": asset, "labelled": asset})
 
     def give_streams(self, asset: str, other: str) -> None:
         """From now on all frames that were an asset's are another one's."""

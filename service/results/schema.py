@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0010"
+REVISION = "0011"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -44,6 +44,7 @@ ASSETS = Table(
     METADATA,
     Column("asset", Text, primary_key=True),  # the name under which it began
     Column("label", NAME, nullable=False, unique=True),  # the name that it has now
+    _number("share", "0"),  # of a fleet: whose worker it has; one service has them all
     *(
         _json(n, nullable=True)
         for n in ("rig", "state", "report", "assembly", "making", "quality", "question", "retired")
@@ -57,6 +58,7 @@ ASSETS = Table(
     *(_number(n, "0") for n in ("severity", "alarms", "version")),
     Column("summary", Text),
     _json("volatile", nullable=True),
+    Index("assets_by_share", "share", "asset"),
     Index("assets_by_severity", text("severity DESC"), "label"),
     Index("assets_by_area", "area", text("severity DESC"), "label"),
 )
@@ -104,6 +106,7 @@ FAULT_TOTALS = Table(
     _number("windows"),
     sqlite_with_rowid=False,
 )
+PEOPLES = "done = 0 AND kind <> 'window'"  # people's jobs that wait: few, whatever waits besides
 JOBS = Table(  # see `jobs`
     "jobs",
     METADATA,
@@ -119,7 +122,7 @@ JOBS = Table(  # see `jobs`
     _number("start_ns", nullable=True),  # of a window
     _number("bytes", nullable=True),  # of a window's file
     _text("file", nullable=True),  # name of that
-    Index("jobs_waiting", "done", "id"),
+    Index("jobs_of_people", "id", sqlite_where=text(PEOPLES)),  # on a server, too: `migrations`
     Index("jobs_of_asset", "asset", "kind", "id"),
     sqlite_autoincrement=True,
 )
@@ -149,6 +152,7 @@ WEBHOOK_OUTBOX = Table(
     "webhook_outbox",
     METADATA,
     _key("number"),
+    _asset(),
     *(_text(n) for n in ("name", "url", "body")),
     _number("created_ns"),
     _number("next_ns"),

@@ -103,7 +103,7 @@ class SqlStore:
         claimed  whether no other service may write to it meanwhile
         """
         self.database = database = where if isinstance(where, Database) else Database(where, claimed=claimed)
-        self._transaction, self._rows = database.transaction, database.rows
+        self._transaction, self._rows, self._own = database.transaction, database.rows, database.own(ASSETS.c.asset)
         self._damaged: dict[str, str] = {}  # assets whose windows cannot go on, and why
         self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
         self._insert_events = database.insert(EVENTS)
@@ -205,7 +205,7 @@ class SqlStore:
     # -- reading -------------------------------------------------------------------------------------
 
     def assets(self) -> tuple[str, ...]:
-        return tuple(row[0] for row in self._rows(select(ASSETS.c.asset).order_by(ASSETS.c.asset)))
+        return tuple(row[0] for row in self._rows(select(ASSETS.c.asset).where(self._own).order_by(ASSETS.c.asset)))
 
     def asset(self, asset: str) -> StoredAsset:
         """What is committed of the asset; empty where it has never been seen, without what is damaged."""
@@ -227,9 +227,9 @@ class SqlStore:
 
     def all_assets(self) -> tuple[StoredAsset, ...]:
         """What is committed of every asset, by name; what their twins remember is checked and left unread."""
-        totals = fault_totals.totals_by_asset(self._rows(_ALL_TOTALS))
+        totals = fault_totals.totals_by_asset(self._rows(_ALL_TOTALS.where(self.database.own(FAULT_TOTALS.c.asset))))
         found = []
-        for row in self._rows(_ALL_ASSETS):
+        for row in self._rows(_ALL_ASSETS.where(self._own)):
             stored = self._stored(row._mapping, totals.get(row.asset, {}))
             found.append(replace(stored, state=None, unread_state=stored.has_state))
         return tuple(found)
@@ -283,7 +283,7 @@ class SqlStore:
 
     def next_indices(self) -> dict[str, int]:
         """Index of every asset's next window."""
-        return dict(tuple(row) for row in self._rows(NEXT_INDICES))
+        return dict(tuple(row) for row in self._rows(NEXT_INDICES.where(self._own)))
 
     def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
         """The epochs that have windows, from the first."""
@@ -308,7 +308,7 @@ class SqlStore:
         return self._rows(_LAST_EVENT, {"of": asset})[0][0]
 
     def last_event_ids(self) -> dict[str, int]:
-        return dict(tuple(row) for row in self._rows(LAST_EVENTS))
+        return dict(tuple(row) for row in self._rows(LAST_EVENTS.where(self._own)))
 
     # -- within --------------------------------------------------------------------------------------
 

@@ -72,7 +72,7 @@ class WindowJobs:
             return
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            known = {row[0] for row in database.rows(select(JOBS.c.file).where(_IS))}
+            known = {row[0] for row in database.rows(select(JOBS.c.file).where(_IS, database.own(JOBS.c.asset)))}
             for path in folder.iterdir():
                 if path.name not in known:
                     path.unlink(missing_ok=True)  # of a window that has been processed, or was never committed
@@ -165,7 +165,9 @@ class WindowJobs:
     def all_waiting(self) -> dict[str, tuple[WaitingWindow, ...]]:
         """The windows of all assets that wait, by asset."""
         waiting: dict[str, tuple[WaitingWindow, ...]] = {}
-        for asset, number, start, size, file in self._database.rows(_ALL_WAITING):
+        for asset, number, start, size, file in self._database.rows(
+            _ALL_WAITING.where(self._database.own(JOBS.c.asset))
+        ):
             kept = WaitingWindow(id=number, start_ns=start, bytes=size, file=file)
             waiting[asset] = (*waiting.get(asset, ()), kept)
         return waiting

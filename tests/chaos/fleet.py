@@ -30,9 +30,10 @@ from service_streams import FRAME_S, PAUSE_S, PER_REV, RIG, ROOT, WINDOW_S, _fra
 
 from service.files.rig import checked_rig
 from service.fleet.census import Census, census
-from service.fleet.databases import Partitions, engine_of
+from service.fleet.databases import engine_of, front_tables
 from service.fleet.layout import Layout, partition_of
 from service.json_text import plain
+from service.results.database import Database
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
 from service.runtime.pipeline import Pipeline
@@ -120,15 +121,17 @@ class Plant:
             FLEET_ADDRESS=self.nodes.address, IDLE_TIMEOUT=str(SILENCE),
         )  # fmt: skip
         self.tables = engine_of(url, poolclass=sa.NullPool)
+        self.database = Database(front_tables(url, self.layout))
 
     def __enter__(self) -> Plant:
         self.route()
         self.start_engine()
-        wait_until(lambda: not self.census().silent, 120)
+        wait_until(lambda: not self.census().not_served, 120)
         return self
 
     def __exit__(self, *_: object) -> None:
         self.fleet.end()
+        self.database.close()
         self.nodes.__exit__()
         self.unroute()
 
@@ -144,7 +147,7 @@ class Plant:
             self.nodes.add(name)
 
     def census(self) -> Census:
-        return census(self.tables, self.layout)
+        return census(self.database)
 
     def route(self) -> None:
         code = (
@@ -165,7 +168,7 @@ class Plant:
 
     def worker(self, partition: int) -> int:
         """The process that has a partition."""
-        return int((self.census().rows[partition]["worker"] or ":0").rpartition(":")[2])
+        return int((self.census().partitions[partition]["worker"] or ":0").rpartition(":")[2])
 
 
 def attack(
@@ -212,7 +215,7 @@ def _schedule(
             if draw.random() < 0.25:
                 publishers[draw.randrange(plant.partitions)].again()
             begun = time.monotonic()
-            before = [row["token"] for row in plant.census().rows]
+            before = [row["token"] for row in plant.census().partitions]
             FAULTS[kind](draw, plant, stack)
             outcome.done[kind] = outcome.done.get(kind, 0) + 1
             if kind in ("worker", "node", "head"):
@@ -228,7 +231,8 @@ def _await_recovery(plant: Plant, before: list[int], kind: str) -> None:
 
     def recovered() -> bool:
         found = plant.census()
-        return not found.silent and any(row["token"] > was for row, was in zip(found.rows, before, strict=True))
+        pairs = zip(found.partitions, before, strict=True)
+        return not found.not_served and any(row["token"] > was for row, was in pairs)
 
     wait_until(recovered, SETTLED_WITHIN)
 
@@ -278,29 +282,23 @@ class _Publisher:
         print(file=self._process.stdin, flush=True)
 
 
-def _differing(plant: Plant, loop: _Loop, names: list[str]) -> dict[str, dict[str, Any]]:
+def _differing(store: SqlStore, loop: _Loop, names: list[str], layout: Layout) -> dict[str, dict[str, Any]]:
     """What is known of the assets whose windows are not as many as those of the plain loop: for the message."""
-    shared, found = Partitions(plant.url, plant.partitions), {}
-    for partition in plant.layout.all:
-        with SqlStore(shared.backend(partition)) as store:
-            waiting = WindowJobs(store.database).all_waiting()
-            for name in names:
-                if partition_of(name, plant.partitions) != partition:
-                    continue
-                stored, expected = store.asset(name), loop.records[name]
-                records = [plain(w.record) for w in store.windows(name, limit=10_000)]
-                if len(records) == len(expected):
-                    continue
-                begun = {record["start_time"] for record in expected}
-                same = next((i for i, pair in enumerate(zip(records, expected, strict=False)) if pair[0] != pair[1]), 0)
-                found[name] = {
-                    "partition": partition, "windows": f"{len(records)} of {len(expected)}",
-                    "begin elsewhere": [r["start_time"] for r in records if r["start_time"] not in begun],
-                    "first that differs": records[same : same + 2], "as it should be": expected[same : same + 1],
-                    "waiting": len(waiting.get(name, ())), "question": stored.question,
-                    **{key: (stored.assembly or {}).get(key) for key in ("last_frames", "left_out", "counters")},
-                }  # fmt: skip
-    shared.close()
+    waiting, found = WindowJobs(store.database).all_waiting(), {}
+    for name in names:
+        stored, expected = store.asset(name), loop.records[name]
+        records = [plain(w.record) for w in store.windows(name, limit=10_000)]
+        if len(records) == len(expected):
+            continue
+        begun = {record["start_time"] for record in expected}
+        same = next((i for i, pair in enumerate(zip(records, expected, strict=False)) if pair[0] != pair[1]), 0)
+        found[name] = {
+            "partition": layout.partition_of(name), "windows": f"{len(records)} of {len(expected)}",
+            "begin elsewhere": [r["start_time"] for r in records if r["start_time"] not in begun],
+            "first that differs": records[same : same + 2], "as it should be": expected[same : same + 1],
+            "waiting": len(waiting.get(name, ())), "question": stored.question,
+            **{key: (stored.assembly or {}).get(key) for key in ("last_frames", "left_out", "counters")},
+        }  # fmt: skip
     return found
 
 
@@ -309,28 +307,22 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
 
     def committed() -> int:
         with plant.tables.connect() as db:
-            return sum(
-                db.exec_driver_sql(f"SELECT count(*) FROM p{p:03d}.windows").scalar_one() for p in plant.layout.all
-            )
+            return int(db.exec_driver_sql("SELECT count(*) FROM windows").scalar_one())
 
     end = time.monotonic() + SETTLED_WITHIN
-    while (found := committed()) < total:
-        assert time.monotonic() < end, (
-            f"{found} of {total} windows after {SETTLED_WITHIN:g} s: {_differing(plant, loop, names)}"
-        )
-        time.sleep(0.2)
-    assert found == total, f"{found} windows in place of {total}: {_differing(plant, loop, names)}"
-    shared = Partitions(plant.url, plant.partitions)
-    for partition in plant.layout.all:
-        with SqlStore(shared.backend(partition)) as store:
-            for name in names:
-                if partition_of(name, plant.partitions) == partition:
-                    records = [plain(w.record) for w in store.windows(name, limit=10_000)]
-                    assert records == loop.records[name], f"{name} is not as by the plain loop"
-                    state = store.asset(name)
-                    assert state.question is None, f"{name}: people are asked {state.question}"
-                    assert state.windows == len(records), f"{name} counts {state.windows} of {len(records)} windows"
-    shared.close()
+    with SqlStore(front_tables(plant.url, plant.layout)) as store:
+        while (found := committed()) < total:
+            assert time.monotonic() < end, (
+                f"{found} of {total} windows after {SETTLED_WITHIN:g} s: {_differing(store, loop, names, plant.layout)}"
+            )
+            time.sleep(0.2)
+        assert found == total, f"{found} windows in place of {total}: {_differing(store, loop, names, plant.layout)}"
+        for name in names:
+            records = [plain(w.record) for w in store.windows(name, limit=10_000)]
+            assert records == loop.records[name], f"{name} is not as by the plain loop"
+            state = store.asset(name)
+            assert state.question is None, f"{name}: people are asked {state.question}"
+            assert state.windows == len(records), f"{name} counts {state.windows} of {len(records)} windows"
     outcome.windows = total
 
 
@@ -389,7 +381,7 @@ def _suspend(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
         with suppress(ProcessLookupError):
             os.kill(process, signal.SIGCONT)
         time.sleep(1.0)
-    wait_until(lambda: not plant.census().silent, SETTLED_WITHIN)
+    wait_until(lambda: not plant.census().not_served, SETTLED_WITHIN)
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from postgresql_server import PostgresqlServer
 from postgresql_server import programs as postgresql_server_programs
 from service_streams import Service
 
+from service import api
 from service.api import create_app
 from service.api.limits import Limits
 from service.results import database, migrate
@@ -96,30 +97,25 @@ def share(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="session")
 def made_fleet(postgresql_server):
-    """The name of a database with a fleet whose partitions have their tables, to be copied."""
+    """The name of a database with a fleet, to be copied."""
     from fleets import PARTITIONS
 
-    from service.fleet.databases import engine_of, made
+    from service.fleet.databases import engine_of
     from service.fleet.layout import create
 
     with postgresql_server.new_database() as url:
         engine = engine_of(url)
         create(engine, PARTITIONS)
         engine.dispose()
-        for partition in range(PARTITIONS):
-            made(url, partition, PARTITIONS)
         yield url.rpartition("/")[2]
 
 
 @pytest.fixture
 def fleet_store(postgresql_server, made_fleet):
-    """The store of a front end, over the tables of three partitions."""
-    from fleets import PARTITIONS
+    """The store of a front end, over a fleet of three partitions."""
+    from fleets import at_front
 
-    from service.fleet.front_store import FleetStore
-    from service.fleet.layout import Layout
-
-    with postgresql_server.new_database(template=made_fleet) as url, FleetStore(url, Layout(PARTITIONS)) as opened:
+    with postgresql_server.new_database(template=made_fleet) as url, at_front(url) as opened:
         yield opened
 
 
@@ -143,17 +139,10 @@ def empty_postgresql(postgresql_server):
 
 
 @pytest.fixture
-def fleet(empty_postgresql):
+def fleet(postgresql_server, made_fleet):
     """The URL of the database of a fleet of three partitions."""
-    from fleets import PARTITIONS
-
-    from service.fleet.databases import engine_of
-    from service.fleet.layout import create
-
-    engine = engine_of(empty_postgresql)
-    create(engine, PARTITIONS)
-    yield empty_postgresql
-    engine.dispose()
+    with postgresql_server.new_database(template=made_fleet) as url:
+        yield url
 
 
 @pytest.fixture(scope="session")
@@ -188,12 +177,10 @@ def each_store(where):
 def board(request, store, monkeypatch):
     """A board of one service; that of a front end in modules that say OVER_FLEET."""
     if getattr(request.module, "OVER_FLEET", False):
-        from fleets import as_a_front_end, written_board
+        from service.fleet.front import FrontAudit
 
-        shown = written_board(store)
-        as_a_front_end(monkeypatch, store)
-    else:
-        shown = fakes.WrittenTable(store)
+        monkeypatch.setattr(api, "AuditLog", FrontAudit)
+    shown = fakes.WrittenTable(store)
     yield shown
     shown.close()
 

@@ -9,19 +9,14 @@ from contextlib import contextmanager
 
 import sqlalchemy as sa
 from fleet_partition import PartitionProcess
-from service_fakes import Written
 from service_streams import free_port
 
-from service import api
-from service.alarms.keeper import AlarmKeeper
-from service.fleet.databases import Partitions, engine_of, partition_backend
+from service.fleet.databases import engine_of, front_tables, worker_tables
 from service.fleet.fence import Fence
 from service.fleet.front import serve_front
-from service.fleet.front_board import FleetBoard
-from service.fleet.front_database import tables_of
-from service.fleet.front_kept import FleetAlarms, FleetAudit, FleetJobs, FleetNames
-from service.fleet.layout import partition_of
+from service.fleet.layout import Layout, partition_of
 from service.json_text import plain
+from service.results.schema import ASSETS
 from service.results.sql_store import SqlStore
 from service.settings import Settings
 from service.transport.zenoh_session import open_session
@@ -30,7 +25,13 @@ PARTITIONS = 3
 
 
 def taken(database, partition=0, **given):
-    return SqlStore(partition_backend(database, Fence(partition=partition, **given), PARTITIONS), claimed=True)
+    """The store of a worker that has taken a partition."""
+    return SqlStore(worker_tables(database, Fence(partition=partition, **given), Layout(PARTITIONS)), claimed=True)
+
+
+def at_front(database):
+    """The store of a front end."""
+    return SqlStore(front_tables(database, Layout(PARTITIONS)))
 
 
 @contextmanager
@@ -53,25 +54,19 @@ def worker(folder, database, endpoint, asset="unsw", **settings):
 
 
 def row(database, asset="unsw"):
-    """The row of an asset, in the partition that has it."""
+    """The row of an asset; None where it has none."""
     engine = engine_of(database, poolclass=sa.NullPool)
     with engine.connect() as db:
-        made = sa.inspect(db).get_schema_names()
-        for number in (number for number in range(PARTITIONS) if f"p{number:03d}" in made):
-            table = tables_of(number)["assets"]
-            found = db.execute(sa.select(table).where(table.c.asset == asset)).mappings().first()
-            if found is not None:
-                summary = json.loads(found["summary"] or '{"windows": 0}')  # written with the first window
-                return {**found, "partition": number, "summary": summary}
-    return None
+        found = db.execute(sa.select(ASSETS).where(ASSETS.c.asset == asset)).mappings().first()
+    if found is None:
+        return None
+    return {**found, "summary": json.loads(found["summary"] or '{"windows": 0}')}  # written with the first window
 
 
-def windows(database, partition):
-    shared = Partitions(database, PARTITIONS)
-    with SqlStore(shared.backend(partition)) as store:
-        found = [plain(w.record) for w in store.windows("unsw")]
-    shared.close()
-    return found
+def windows(database, asset="unsw"):
+    """The records of an asset's windows."""
+    with at_front(database) as store:
+        return [plain(w.record) for w in store.windows(asset)]
 
 
 @contextmanager
@@ -94,20 +89,3 @@ def front(database, data, **settings):
         stop.set()
         thread.join(20)
         assert not thread.is_alive()
-
-
-class WrittenFleetBoard(Written, FleetBoard):
-    """What a front end answers, with what a worker shows written at once."""
-
-
-def written_board(store):
-    """As a front end's table."""
-    return WrittenFleetBoard(store, AlarmKeeper(FleetAlarms(store)))
-
-
-def as_a_front_end(monkeypatch, store):
-    """An app over the store has what a front end gives it besides."""
-    monkeypatch.setattr(api, "AlarmStore", lambda database: FleetAlarms(store))
-    monkeypatch.setattr(api, "Jobs", lambda database: FleetJobs(store))
-    monkeypatch.setattr(api, "Names", lambda database: FleetNames(store))
-    monkeypatch.setattr(api, "AuditLog", FleetAudit)

@@ -41,14 +41,13 @@ class Fleets:
 
     def _template(self) -> str:
         if self._made is None:
-            from service.fleet.databases import engine_of, made
+            from service.fleet.databases import engine_of
             from service.fleet.layout import create
 
             url = self._stack.enter_context(self._server.new_database())
             engine = engine_of(url)
             create(engine, 1)
             engine.dispose()
-            made(url, 0, 1)
             self._made = url.rpartition("/")[2]
         return self._made
 
@@ -62,14 +61,14 @@ def fleets(server: PostgresqlServer) -> Iterator[Fleets]:
 
 def takes_frames(database: str) -> bool:
     """Whether the worker of a fleet's one partition says that it takes frames."""
-    import sqlalchemy as sa
-
-    from service.fleet.census import census
-    from service.fleet.databases import engine_of
+    from service.fleet.census import partitions
+    from service.fleet.databases import front_tables
     from service.fleet.layout import Layout
+    from service.results.sql_store import SqlStore
 
-    (row,) = census(engine_of(database, poolclass=sa.NullPool), Layout(1)).rows
-    return row["served"] and row["not_ready"] is None
+    with SqlStore(front_tables(database, Layout(1))) as store:
+        (found,) = partitions(store.database)
+    return found.served and found.not_ready is None
 
 
 def serve(twin: Any, joined: float) -> NoReturn:

@@ -315,7 +315,7 @@ def fill(store: SqlStore, data: Path) -> None:
     baselines.use("unsw", path.name, {"by": "Anna"})
     alarms = AlarmStore(store.database)
     alarms.keep_memory("unsw", alarms.memory("unsw"))
-    alarms.enqueue("http://127.0.0.1:9/", {"alarm": 1}, 1)
+    alarms.enqueue("unsw", "http://127.0.0.1:9/", {"alarm": 1}, 1)
     alarms.keep_rules("other", [], {"by": "Anna", "note": "", "at": ""})
     keeper = AlarmKeeper(alarms)
     keeper.data("unsw", {"level": "stale", "reason": "no frame for 2 h"})
@@ -337,8 +337,8 @@ class Written:
         with self._store.database.transaction():
             if kept:
                 self._store.keep(asset, **kept)
-            if "label" in changes and names_of(self._store, asset).label(asset) != changes["label"]:
-                names_of(self._store, asset).rename(asset, changes["label"])
+            if "label" in changes and Names(self._store.database).label(asset) != changes["label"]:
+                Names(self._store.database).rename(asset, changes["label"])
         if "unstored" in changes:
             self.note_unstored(changes.pop("unstored"))
         return self._show(self.latest(asset) or Snapshot(asset=asset, label=asset), **changes)
@@ -366,47 +366,38 @@ def scratch_table() -> WrittenTable:
     return table
 
 
-def jobs_of(store, asset: str = "unsw") -> Jobs:
-    """People's jobs in a store; in a front end's, those of the asset's partition."""
-    return Jobs(_own(store, asset).database)
+def jobs_of(store) -> Jobs:
+    """People's jobs in a store."""
+    return Jobs(store.database)
 
 
 def decide(store, asset: str, name: str, verb: str, by: str | None = None, note: str | None = None) -> int:
     """Submits a decision; its id."""
-    return jobs_of(store, asset).add(asset, DECISION, {"name": name, "verb": verb, "by": by, "note": note})
+    return jobs_of(store).add(asset, DECISION, {"name": name, "verb": verb, "by": by, "note": note})
 
 
 def inspect(store, asset: str, inspection: dict, answer: dict) -> int:
     """Submits a measured depth; its id."""
-    return jobs_of(store, asset).add(asset, INSPECTION, {"inspection": inspection, "answer": answer})
+    return jobs_of(store).add(asset, INSPECTION, {"inspection": inspection, "answer": answer})
 
 
 def decisions(store, asset: str) -> tuple[Job, ...]:
-    return jobs_of(store, asset).of(asset, DECISION)
+    return jobs_of(store).of(asset, DECISION)
 
 
 def carry_out(store, job: Job, outcome: dict | None = None, events=(), **parts) -> bool:
     """Carries a job out, as the service does: once, with all that it changes."""
     with store.database.transaction():
-        first = jobs_of(store, job.asset).end(job.id, outcome)
+        first = jobs_of(store).end(job.id, outcome)
         if first:
             store.keep(job.asset, **parts)
             store.note(job.asset, events)
         return first
 
 
-def names_of(store, asset: str) -> Names:
-    """The names of the assets of a store, as `jobs_of`."""
-    return Names(_own(store, asset).database)
-
-
-def _own(store, asset):
-    return store.stores.of(asset) if hasattr(store, "stores") else store
-
-
 def rename(store, board, asset: str, name: str) -> None:
     """Another name of an asset, as the service keeps and shows it."""
-    jobs, names = jobs_of(store, asset), names_of(store, asset)
+    jobs, names = jobs_of(store), Names(store.database)
     effect = {"asset": name, "was": names.label(asset)}
     with jobs.transaction():
         number = jobs.add(asset, "renamed", {"name": name})

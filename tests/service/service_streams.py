@@ -17,11 +17,10 @@ import numpy as np
 from forked_processes import ForkedProcess
 from one_partition import Fleets, takes_frames
 
-from service.fleet.front_store import FleetStore
-from service.fleet.layout import Layout, schema_of
+from service.fleet.databases import front_tables
+from service.fleet.layout import Layout, folder_of
 from service.results.data_folder import DATABASE
 from service.results.sql_store import SqlStore
-from service.results.store import Tables
 from service.runtime.demo import free_port as first_free
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap_write import RecordingWriter
@@ -157,12 +156,12 @@ class Service:
     def folder(self) -> Path:
         """Where the files of its assets are."""
         fleet = Service.fleets is not None and Service.fleets.database(self.given)
-        return Path(self.given["DATA"], schema_of(0) if fleet else "")
+        return Path(self.given["DATA"], folder_of(0) if fleet else "")
 
     def store(self) -> AbstractContextManager[SqlStore]:
         """What it has stored, for who looks at it from outside, or writes to it."""
         fleet = None if Service.fleets is None else Service.fleets.database(self.given)
-        return SqlStore(self.folder / DATABASE) if fleet is None else FleetStore(fleet, Layout(1))
+        return SqlStore(self.folder / DATABASE) if fleet is None else SqlStore(front_tables(fleet, Layout(1)))
 
     def ready(self) -> bool:
         """Whether it says that it takes frames, now."""
@@ -201,11 +200,6 @@ class SqliteFile:
 
     def open(self) -> SqlStore:
         return SqlStore(self.path / DATABASE)
-
-
-def tables_of(store: SqlStore) -> Tables:
-    """The tables of assets in what a service has stored."""
-    return store.fleet.partition(0) if isinstance(store, FleetStore) else store.database
 
 
 @contextmanager

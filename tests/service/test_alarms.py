@@ -427,7 +427,7 @@ def test_address_that_hangs_holds_up_neither_windows_nor_the_end(tmp_path, recei
 def test_message_that_cannot_be_delivered_for_days_is_given_up_and_counted(tmp_path):
     now = [1_700_000_000 * 10**9]
     bench = Bench(tmp_path / "twin.sqlite")
-    bench.keeper.store.enqueue("http://127.0.0.1:1/", {"kind": "alarm"}, now[0])
+    bench.keeper.store.enqueue("unsw", "http://127.0.0.1:1/", {"kind": "alarm"}, now[0])
     sender = WebhookSender(bench.keeper.store, bench.keeper.waiting, clock=lambda: now[0])
     with httpx.Client() as client:
         sender.turn(lambda: client)

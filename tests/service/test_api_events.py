@@ -113,7 +113,7 @@ def test_a_former_name_is_a_404_that_names_the_present_one(address, store, board
 
 def test_a_former_name_whose_stream_is_another_machines_is_that_of_the_renamed_one_all_the_same(address, store, board):
     fakes.take(store, board, "unsw", 0, 100.0)
-    fakes.names_of(store, "unsw").give_streams("unsw", "bench-2")
+    fakes.Names(store.database).give_streams("unsw", "bench-2")
     fakes.rename(store, board, "unsw", "press-7")
     answer = httpx.get(f"{address}/v1/assets/unsw")
     assert (answer.status_code, answer.json()["renamed"]) == (404, "press-7")

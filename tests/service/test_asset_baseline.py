@@ -11,7 +11,7 @@ import fake_twin
 import pytest
 from memory_transport import MemoryNetwork
 from segments import keep
-from service_streams import Service, SqliteFile, tables_of
+from service_streams import Service, SqliteFile
 from sqlalchemy import update
 from test_baselines import recording
 from test_decisions import post
@@ -68,7 +68,7 @@ def with_windows(folder, grades=SOUND):
                 "bench", window.start_time_ns, record={"index": i, "quality": grade, "start_time": ""}, state={},
                 report=None, assembly={}, quality={}, received_ns=1,
             )  # fmt: skip
-        with tables_of(store).transaction() as db:
+        with store.database.transaction() as db:
             db.execute(update(ASSETS).values(state=None, assembly=None))  # no twin has a state of these windows
     return folder
 
@@ -141,7 +141,7 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     data = with_windows(tmp_path / "data")
     signals = SignalStore(Service(data).folder / SIGNALS, 10**9)
     with Service(data).store() as store:
-        jobs = Jobs(tables_of(store))
+        jobs = Jobs(store.database)
         made = jobs.add("bench", "sensor_moved", {"sensor": "a"})
         jobs.end(made, {"from_window": 2})
         with pytest.raises(InputError, match=r"window 1 was measured before the change 'sensor_moved'.*from 2 on"):
@@ -154,7 +154,7 @@ def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
     signals, file = SignalStore(Service(data).folder / SIGNALS, 10**9), tmp_path / "first.baseline"
     with Service(data).store() as store:
-        jobs = Jobs(tables_of(store))
+        jobs = Jobs(store.database)
         first = learn_from_windows("bench", [0, 1, 2], store, signals, jobs)
         save(first, file)
         again = learn_from_windows("bench", [2, 3], store, signals, jobs, file)

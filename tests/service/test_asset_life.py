@@ -8,7 +8,7 @@ import signal
 import pytest
 import service_fakes as fakes
 from memory_transport import MemoryNetwork
-from service_streams import RIG, Service, SqliteFile, tables_of, wait_until, write_recording
+from service_streams import RIG, Service, SqliteFile, wait_until, write_recording
 from test_decisions import post
 from test_other_parts import serving
 
@@ -255,7 +255,7 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
         replay(second, [running.endpoint], 0)  # what was committed before the kill is known, what was not comes again
         wait_until(lambda: waiting(running) == WINDOWS)
         with running.store() as store:
-            Jobs(tables_of(store)).add("unsw", "gears_replaced", {"by": "me"})
+            Jobs(store.database).add("unsw", "gears_replaced", {"by": "me"})
         running.end(signal.SIGKILL)  # before the change was carried out
         running.start()
         wait_until(lambda: running.get(f"{UNSW}/windows?epoch=1"))
@@ -341,7 +341,7 @@ def test_what_waits_at_a_start_is_carried_out_in_the_order_in_which_it_was_recei
         running.wait_for_windows(WINDOWS)
     measured = {"revolutions": 10.0, "max_depth_um": 2.0, "flank": "combined", "std_um": 1.0}
     with running.store() as store:
-        life = Jobs(tables_of(store))
+        life = Jobs(store.database)
         fakes.decide(store, "unsw", "misalignment", "pin")
         life.add("unsw", "gears_replaced", {})
         life.add("unsw", "renamed", {"name": "press-7"})
@@ -365,7 +365,7 @@ def test_an_alarm_by_learned_limits_ends_with_the_change_after_which_they_are_le
     send(network, first)
     running.wait_for_windows(WINDOWS)
     with running.store() as store:
-        learned_and_raised(AlarmKeeper(AlarmStore(tables_of(store))), running.windows()[0])
+        learned_and_raised(AlarmKeeper(AlarmStore(store.database)), running.windows()[0])
     assert [a["state"] for a in running.get(f"{UNSW}/alarms")] == ["active_unacknowledged"] * 2
     sensor = {"sensor": "y6"} if kind == "sensor_moved" else {}
     assert change(running, kind, **sensor)[0] == 201

@@ -8,7 +8,7 @@ import fake_twin
 import pytest
 import service_fakes as fakes
 from memory_transport import MemoryNetwork
-from service_streams import RIG, SqliteFile, tables_of, wait_until, write_recording
+from service_streams import RIG, SqliteFile, wait_until, write_recording
 from test_asset_life import (
     FIRST,
     LATER,
@@ -100,7 +100,7 @@ def after_the_commit(monkeypatch):
         return done(jobs, number, outcome)
 
     def routes(names):
-        if names.database._current is None:
+        if names.database._present.db is None:
             fails()
         return read(names)
 
@@ -211,7 +211,7 @@ def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, 
         send(network, first)
         running.wait_for_windows(WINDOWS)
     with running.store() as store:
-        life = Jobs(tables_of(store))
+        life = Jobs(store.database)
         life.add("unsw", "renamed", {"name": "press-7"})
         numbers = [life.add("unsw", kind, {"by": "me"}) for kind in ("retired", "oil_changed")]
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
@@ -219,7 +219,7 @@ def test_changes_that_wait_behind_a_new_name_are_of_the_renamed_asset(tmp_path, 
         wait_until(lambda: [c["done"] for c in running.get("/v1/assets/press-7/changes")] == [True] * 3)
         assert running.get(UNSW) is None
     with running.store() as store:
-        life = Jobs(tables_of(store))
+        life = Jobs(store.database)
         assert [life.job(n).asset for n in numbers] == ["unsw"] * 2 and store.assets() == ("unsw",)
 
 

@@ -15,7 +15,7 @@ from service.results import backends, commit_marks
 from service.results.backends import Postgresql
 from service.results.commit_marks import Mark
 from service.results.jobs import Jobs
-from service.results.schema import COMMITS
+from service.results.schema import COMMITS, JOBS, PEOPLES
 from service.results.segment_file import read_segment
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
@@ -45,6 +45,21 @@ def test_jobs_of_all_kinds_wait_in_the_order_in_which_they_were_submitted(each_s
     jobs.refuse(numbers[0], "no window has been processed yet")
     assert [job.id for job in jobs.pending()] == numbers[1:]
     assert [job.kind for job in jobs.changes("unsw")] == ["oil_changed"]
+
+
+def test_what_people_ask_is_found_among_any_number_of_windows_that_wait(each_store):
+    """It is looked for every other second; every window that waits was read each time."""
+    fakes.campaign(each_store, None)
+    number = fakes.decide(each_store, "unsw", "misalignment", "accept")
+    window = {"asset": "unsw", "received_ns": 1, "kind": "window", "start_ns": 1, "bytes": 1}
+    with each_store.database.transaction() as db:
+        db.execute(sa.insert(JOBS), [window] * 5000)
+        if db.dialect.name == "postgresql":
+            db.exec_driver_sql("ANALYZE jobs")
+    assert [job.id for job in fakes.jobs_of(each_store).pending()] == [number]
+    explain = "EXPLAIN" if each_store.path is None else "EXPLAIN QUERY PLAN"
+    plan = each_store.database.rows(sa.text(f"{explain} SELECT * FROM jobs WHERE {PEOPLES} ORDER BY id"))
+    assert "jobs_of_people" in str(plan)
 
 
 def test_decisions_are_counted_by_what_became_of_them(each_store):

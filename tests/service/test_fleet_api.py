@@ -3,5 +3,3 @@
 from test_api import *  # noqa: F403
 
 OVER_FLEET = True
-
-del test_metrics_that_wait_for_the_store_hold_no_other_request_up  # noqa: F821  # it holds up a store of one database

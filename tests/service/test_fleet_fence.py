@@ -10,17 +10,20 @@ import pytest
 import service_fakes as fakes
 import sqlalchemy as sa
 from fleet_partition import PartitionProcess
-from fleets import routed, row, taken, windows, worker
+from fleets import at_front, routed, row, taken, windows, worker
 from service_streams import wait_until, write_recording
 
 from service.errors import StorageUnavailable, StoreError
-from service.fleet.databases import Partitions, engine_of, made
+from service.fleet.databases import engine_of
 from service.fleet.fence import Fenced
 from service.fleet.layout import PARTITIONS, Layout, create, layout_of, partition_of
 from service.fleet.partition import FENCED
 from service.json_text import plain
+from service.results.alarm_store import AlarmStore
 from service.results.asset_list import area_of
-from service.results.sql_store import SqlStore
+from service.results.jobs import Jobs
+from service.results.names import Names
+from service.results.window_jobs import WindowJobs
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
@@ -63,10 +66,8 @@ def test_what_is_committed_outlives_a_server_that_confirms_before_it_has_written
     engine.dispose()
     with taken(fleet) as store, store.database.transaction() as db:
         assert confirms(db) == "on"
-    shared = Partitions(fleet, 3)
-    with SqlStore(shared.backend(0)) as store, store.database.transaction() as db:
+    with at_front(fleet) as store, store.database.transaction() as db:
         assert confirms(db) == "on"
-    shared.close()
 
 
 def test_a_window_outlives_a_server_that_is_killed_right_after_its_commit(fleet, postgresql_server):
@@ -74,10 +75,7 @@ def test_a_window_outlives_a_server_that_is_killed_right_after_its_commit(fleet,
         assert fakes.take(store, None, "unsw", 0, 100.0)
         postgresql_server.kill()
     wait_until(lambda: starts(postgresql_server), 30)
-    shared = Partitions(fleet, 3)
-    with SqlStore(shared.backend(0)) as store:
-        assert len(store.windows("unsw")) == 1
-    shared.close()
+    assert len(windows(fleet)) == 1
 
 
 def starts(server):
@@ -127,37 +125,63 @@ def test_a_worker_that_waits_for_whoever_takes_its_partition_commits_nothing(fle
     engine.dispose()
 
 
-def _waits(engine):
-    """Whether a worker waits for a lock."""
+def _waits(engine, name="gear-twin p000"):
+    """Whether a worker, or whoever has sessions of the name, waits for a lock."""
     with engine.connect() as db:
-        own = "application_name LIKE 'gear-twin p000%%' AND wait_event_type = 'Lock'"
+        own = f"application_name LIKE '{name}%%' AND wait_event_type = 'Lock'"
         return db.exec_driver_sql(f"SELECT count(*) FROM pg_stat_activity WHERE {own}").scalar_one() == 1
 
 
-def test_partitions_share_no_row_and_no_number(fleet):
+def begun_with(store):
+    """The assets of all that a worker reads at its start, or looks for."""
+    alarms, jobs, due = AlarmStore(store.database), Jobs(store.database), 2**62
+    return {
+        "assets": set(store.assets()),
+        "all": {stored.asset for stored in store.all_assets()},
+        "windows": {*store.next_indices(), *store.last_event_ids()},
+        "alarms": set(alarms.open_by_asset()),
+        "messages": {len(alarms.due(due)), alarms.waiting()},
+        "jobs": {job.asset for job in jobs.pending()},
+        "decisions": set(jobs.decision_counts()),
+        "waiting": set(WindowJobs(store.database).all_waiting()),
+        "routes": set(Names(store.database).routes().values()),
+    }
+
+
+def test_a_worker_begins_with_its_share_of_the_assets_and_with_nothing_else(fleet, tmp_path):
+    kinds = ("assets", "all", "windows", "alarms", "jobs", "decisions", "waiting", "routes")
+    nothing = {kind: set() for kind in kinds}
     with taken(fleet, 0) as first, taken(fleet, 2) as third:
-        for store, asset in ((first, "a"), (third, "b")):
-            fakes.take(store, None, asset, 0, 100.0)
-        both = 3 * [(first, "a"), (third, "b")]
-        numbers = [fakes.decide(store, asset, "misalignment", "accept") for store, asset in both]
-        assert len(set(numbers)) == 6
-        assert [Layout(3).partition_of_number(n) for n in numbers] == 3 * [0, 2]
-        assert first.assets() == ("a",) and third.assets() == ("b",)
-    with taken(fleet, 0) as first:  # the counters go on
-        assert fakes.decide(first, "a", "misalignment", "accept") == numbers[-2] + 3
+        fakes.fill(first, tmp_path)
+        filled = begun_with(first)
+        both = {"unsw", "other"}
+        assert filled["assets"] == filled["all"] == filled["windows"] == both and filled["messages"] == {1}
+        assert {name for name, found in filled.items() if not found} <= {"decisions"}
+        assert begun_with(third) == {**nothing, "messages": {0}}
+        fakes.take(third, None, "b", 0, 100.0)
+        assert begun_with(third) == {**nothing, **{kind: {"b"} for kind in kinds[:3]}, "messages": {0}}
+        assert begun_with(first) == filled
+        with at_front(fleet) as front:
+            assert front.assets() == ("b", "other", "unsw")
+            assert {row(fleet, asset)["share"] for asset in both} == {0} and row(fleet, "b")["share"] == 2
+            number = fakes.decide(front, "b", "misalignment", "accept")
+        assert [job.id for job in fakes.jobs_of(third).pending()] == [number]
+        assert begun_with(first) == filled
 
 
-def test_front_ends_read_and_add_to_the_tables_of_any_partition(fleet):
-    for partition in range(3):
-        made(fleet, partition, 3)
-    with taken(fleet, 1) as store:
-        fakes.take(store, None, "a", 0, 100.0)
-        shared = Partitions(fleet, 3)
-        with SqlStore(shared.backend(1)) as front:
-            assert len(front.windows("a")) == 1
-            number = fakes.decide(front, "a", "misalignment", "accept")
-        assert [d.id for d in fakes.jobs_of(store).pending()] == [number]
-        shared.close()
+def test_a_partition_that_is_held_up_delays_no_decision_on_assets_of_others(fleet):
+    """A transaction of its worker that stands still has the lock of its share, and of no other."""
+    with taken(fleet, 0) as first, taken(fleet, 2) as third, at_front(fleet) as front, ThreadPoolExecutor() as pool:
+        fakes.take(first, None, "a", 0, 100.0)
+        fakes.take(third, None, "b", 0, 100.0)
+        with first.database.transaction():
+            held_up = pool.submit(fakes.decide, front, "a", "misalignment", "accept")
+            engine = engine_of(fleet)
+            wait_until(lambda: _waits(engine, "gear-twin front end"), 10)
+            engine.dispose()
+            assert pool.submit(fakes.decide, front, "b", "misalignment", "accept").result(5)
+            assert not held_up.done()
+        assert held_up.result(20)
 
 
 @pytest.fixture
@@ -174,10 +198,10 @@ def work(tmp_path, fleet):
 def test_a_partition_is_served_as_by_the_plain_loop(work, fleet):
     process, recording, assessed, endpoint, prefix = work
     assert replay(recording, [endpoint], 0, prefix=prefix, recorded="gearbox") == 192
-    wait_until(lambda: len(windows(fleet, process.partition)) == 6)
-    assert windows(fleet, process.partition) == assessed["windows"]
+    wait_until(lambda: len(windows(fleet)) == 6)
+    assert windows(fleet) == assessed["windows"]
     wait_until(lambda: row(fleet) is not None and row(fleet)["summary"]["windows"] == 6)
-    assert row(fleet)["partition"] == process.partition
+    assert row(fleet)["share"] == process.partition
 
 
 def test_a_suspended_worker_commits_nothing_more_and_ends(work, fleet, tmp_path):
@@ -188,10 +212,10 @@ def test_a_suspended_worker_commits_nothing_more_and_ends(work, fleet, tmp_path)
     ).start()
     try:
         replay(recording, [endpoint], 0, prefix=prefix, recorded="gearbox")
-        wait_until(lambda: len(windows(fleet, process.partition)) == 6)
+        wait_until(lambda: len(windows(fleet)) == 6)
         process.process.send_signal(signal.SIGCONT)
         assert process.process.wait(30) == FENCED
-        assert windows(fleet, process.partition) == assessed["windows"]
+        assert windows(fleet) == assessed["windows"]
     finally:
         other.end()
         print(other.err.read_text())

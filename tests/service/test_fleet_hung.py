@@ -6,10 +6,10 @@ import pytest
 import sqlalchemy as sa
 from service_streams import wait_until
 
-from service.fleet.databases import engine_of, partition_backend
+from service.fleet.databases import engine_of, worker_tables
 from service.fleet.fence import Fence
 from service.fleet.heartbeat import Heartbeat
-from service.fleet.layout import PARTITIONS
+from service.fleet.layout import PARTITIONS, Layout
 from service.operation.health import RECEPTION, Health
 from service.results.sql_store import SqlStore
 
@@ -27,7 +27,7 @@ def test_a_worker_whose_reception_hangs_is_silent_until_it_turns_again(fleet, ca
             return db.execute(sa.select(PARTITIONS.c.seen_ns).where(PARTITIONS.c.number == 0)).scalar()
 
     fence = Fence(partition=0)
-    with SqlStore(partition_backend(fleet, fence, 3), claimed=True):
+    with SqlStore(worker_tables(fleet, fence, Layout(3)), claimed=True):
         heart = Heartbeat(fleet, fence, dict, lambda: None, health.late)
         heart.start()
         before = seen()

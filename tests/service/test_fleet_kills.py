@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
@@ -17,7 +16,7 @@ from service_streams import ROOT, free_port, wait_until
 
 from service.cli import run
 from service.fleet.census import census
-from service.fleet.databases import Partitions, engine_of
+from service.fleet.databases import engine_of, front_tables
 from service.fleet.layout import PARTITIONS, Layout
 from service.json_text import plain
 from service.results.sql_store import SqlStore
@@ -136,10 +135,11 @@ def test_the_twin_itself_gives_what_it_gives_in_one_process_and_its_searches_are
     running = FleetProcess(tmp_path, empty_postgresql, "", FLEET_PARTITIONS="3", WORKERS="1", **ports).start()
     try:
         tables, partition = engine_of(empty_postgresql, poolclass=sa.NullPool), layout.partition_of(ASSET)
-        wait_until(lambda: not census(tables, layout).silent, 120)
+        with SqlStore(front_tables(empty_postgresql, layout)) as store:
+            wait_until(lambda: not census(store.database).not_served, 120)
         replay(str(recording), [endpoint], 0, prefix=layout.prefix_of(partition), recorded="gearbox", wait=300.0)
         expected = plain(assess(recording))
-        with closing(Partitions(empty_postgresql, 3)) as shared, SqlStore(shared.backend(partition)) as store:
+        with SqlStore(front_tables(empty_postgresql, layout)) as store:
             wait_until(lambda: len(store.windows(ASSET)) == len(expected["windows"]), 120)
             found = [plain(window.record) for window in store.windows(ASSET)]
             assert [{k: w[k] for k in found[0] if k in w} for w in expected["windows"]] == [

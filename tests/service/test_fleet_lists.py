@@ -8,10 +8,8 @@ from dataclasses import replace
 
 import pytest
 import service_fakes as fakes
-from fleets import PARTITIONS, written_board
 from test_asset_list import at
 
-from service.fleet.layout import partition_of
 from service.results.asset_list import Choice
 from service.results.asset_rows import put
 from service.results.sql_store import SqlStore
@@ -24,20 +22,19 @@ LONGEST = 0.05  # that a page may take here, on a busy machine [s]
 @pytest.fixture
 def board(fleet_store, tmp_path):
     """What a front end shows of ten thousand assets in a hundred areas."""
-    shown = written_board(fleet_store)
+    shown = fakes.WrittenTable(fleet_store)
     with SqlStore(tmp_path / "twin.sqlite") as one:
         written, patterns = fakes.WrittenTable(one), {}
         for number, level in enumerate(dict.fromkeys(LEVELS)):
             fakes.campaign(one, written, f"a{number}")
             fakes.take(one, written, f"a{number}", 20, 18100.0, report=at(level))
             patterns[level] = written.get(f"a{number}")
-    snapshots = [[] for _ in range(PARTITIONS)]
+    snapshots = []
     for number in range(ASSETS):
         name = f"plant-{number % 10}.line-{number // 10 % 10}.gb-{number:05d}"
         pattern = patterns[LEVELS[(37 * number + number // 100) % 100]]
-        snapshots[partition_of(name, PARTITIONS)].append(replace(pattern, asset=name, label=name))
-    for partition, own in enumerate(snapshots):
-        put(fleet_store.stores.at(partition).database, own)
+        snapshots.append(replace(pattern, asset=name, label=name))
+    put(fleet_store.database, snapshots)
     return shown
 
 

@@ -9,26 +9,23 @@ import httpx
 import pytest
 import service_fakes as fakes
 import sqlalchemy as sa
-from fleets import PARTITIONS, front, routed, row, taken, worker
+from fleets import PARTITIONS, at_front, front, routed, row, taken, worker
 from service_streams import wait_until, write_recording
 
 from service.alarms.keeper import AlarmKeeper
 from service.cli import run
 from service.errors import DeliveryError, InputError
-from service.fleet.databases import engine_of
-from service.fleet.front_board import FleetBoard
-from service.fleet.front_kept import FleetAlarms, FleetNames
-from service.fleet.front_store import FleetStore
-from service.fleet.layout import NAMES, Layout, partition_of
+from service.fleet.layout import Layout, partition_of, share_of
 from service.fleet.listener import Listener
-from service.fleet.lookup import partition_in_use
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import announce, channel_of
+from service.fleet.notices import channel_of
 from service.results.alarm_store import AlarmStore
+from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.job_queue import ALARM, JobQueue
+from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
+from service.results.schema import NAMES
 from service.results.unknown_assets import UnknownAssets
 from service.results.window_jobs import WindowJobs
 from service.runtime.begun import declare
@@ -44,27 +41,14 @@ HASHED = partition_of(NEW, PARTITIONS)
 LAYOUT = Layout(PARTITIONS)
 
 
-@pytest.fixture
-def fleet(postgresql_server, made_fleet):
-    """The URL of the database of a fleet whose partitions have their tables."""
-    with postgresql_server.new_database(template=made_fleet) as url:
-        yield url
+def place(store, name):
+    return share_of(store.database, name, LAYOUT)
 
 
-@pytest.fixture
-def tables(fleet):
-    engine = engine_of(fleet, poolclass=sa.NullPool)
-    yield engine
-    engine.dispose()
-
-
-def place(tables, name):
-    return partition_in_use(tables, LAYOUT, name)
-
-
-def names(tables):
-    with tables.connect() as db:
-        return {name: partition for name, partition in db.execute(sa.select(NAMES.c.name, NAMES.c.partition))}
+def names(fleet):
+    """Every name that was given, with the partition that has it."""
+    with at_front(fleet) as store:
+        return {name: place(store, name) for (name,) in store.database.rows(sa.select(NAMES.c.name))}
 
 
 def rename(store, asset, name):
@@ -94,7 +78,7 @@ def halting(frames):
 
 
 @pytest.mark.slow
-def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path, fleet, tables, capsys):
+def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path, fleet, capsys):
     first, second, third = (write_recording(tmp_path / f"{n}.mcap", n) for n in (2, 3, 4))  # each goes on from the last
     with (
         routed() as endpoint,
@@ -116,7 +100,7 @@ def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path
         assert ask.get(f"/v1/assets/{NEW}").status_code == 200 and ask.get("/v1/assets/unsw").status_code == 404
         assert [a["asset"] for a in ask.get("/v1/assets").json()] == [NEW]
         decided = ask.post(f"/v1/assets/{NEW}/effects/misalignment", json={"decision": "accept"})
-        assert decided.json()["done"] and (decided.json()["id"] - 1) % PARTITIONS == OWN
+        assert decided.json()["done"]
         wait_until(lambda: ask.get("/v1/assets/unsw/position").json()["accepting"])  # the worker has said so
         position = ask.get("/v1/assets/unsw/position").json()  # of the stream that is routed to it
         assert position["instance"].startswith(f"partition {OWN}, ")
@@ -133,25 +117,24 @@ def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path
         windows_of(NEW, 4)
         renamed(ask, NEW, NEXT)
         assert {key_of(fleet, name, capsys) for name in ("unsw", NEW, NEXT)} == {own.prefix}
-        assert names(tables) == dict.fromkeys(("unsw", NEW, NEXT), OWN)
+        assert names(fleet) == dict.fromkeys(("unsw", NEW, NEXT), OWN)
         assert len(ask.get(f"/v1/assets/{NEXT}/windows").json()) == 4
         assert ask.post("/v1/assets", json={"asset": NEW}).status_code == 409  # it was called so
-        with tables.connect() as db:
-            assert db.exec_driver_sql(f"SELECT count(*) FROM p{HASHED:03d}.assets").scalar() == 0
+        assert row(fleet)["share"] == OWN and row(fleet, NEW) is None
         assert "frames are left out" in hashed.err.read_text()
 
 
-def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(tmp_path, fleet, tables):
-    with taken(fleet, OWN) as store, FleetStore(fleet, LAYOUT) as at_front:
+def test_a_kill_right_after_a_rename_leaves_one_asset_with_one_name(fleet):
+    with taken(fleet, OWN) as store, at_front(fleet) as front_end:
         fakes.take(store, None, "unsw", 0, 100.0)
         before = row(fleet)
-        assert before["partition"] == OWN and at_front.assets() == ("unsw",)  # from its first transaction on
+        assert before["share"] == OWN and front_end.assets() == ("unsw",)  # from its first transaction on
         rename(store, "unsw", NEW)  # and nothing else
-        assert row(fleet)["label"] == NEW and at_front.assets() == ("unsw",)
-        board = FleetBoard(at_front, AlarmKeeper(FleetAlarms(at_front)))
+        assert row(fleet)["label"] == NEW and front_end.assets() == ("unsw",)
+        board = AssetTable(front_end, AlarmKeeper(AlarmStore(front_end.database)))
         assert board.find("unsw") is None and board.find(NEW).asset == "unsw" and board.names() == (NEW,)
-        assert place(tables, NEW) == place(tables, "unsw") == OWN
-        number = fakes.decide(at_front, "unsw", "crack", "confirm")
+        assert place(front_end, NEW) == place(front_end, "unsw") == OWN
+        number = fakes.decide(front_end, "unsw", "crack", "confirm")
         assert [d.id for d in fakes.jobs_of(store).pending()] == [number]
 
 
@@ -171,7 +154,7 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
             baselines=BaselineStore(store.database, tmp_path),
         )
         known = PartitionStreams(LAYOUT, OWN, "gearbox")
-        listener = Listener(fleet, OWN, kept, alarms, looked.set, lambda asset, rig: None, known)
+        listener = Listener(fleet, OWN, kept, looked.set, lambda: None, lambda asset, rig: None, known)
         listener.start()
         assert looked.wait(20)  # its connection listens
         for payload in said_before:
@@ -180,20 +163,21 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
                 db.exec_driver_sql(f"NOTIFY {channel_of(OWN)}, '{payload}'")
             assert looked.wait(20) and listener.is_alive()
         rename(store, "unsw", NEW)
-        board.update("unsw", label=NEW)
-        with board.follow() as changes:
+        assert alarms.data("unsw", {"level": "stale", "reason": "no frame for 2 h"})
+        (alarm,) = alarms.open("unsw")
+        board.update("unsw", label=NEW, alarms=(alarm,))
+        with board.follow() as changes, at_front(fleet) as front_end:
             changes.take(0)  # all assets
-            with store.database.transaction() as db:
-                announce(db, OWN, ALARM, "unsw")
+            assert AlarmKeeper(AlarmStore(front_end.database)).sign("unsw", alarm["id"], "acknowledged", "Anna", "")
             assert changes.take(20) == ("unsw",)
         listener.end()
-        assert board.names() == (NEW,)
+        assert board.names() == (NEW,) and board.get("unsw").alarms[0]["acknowledged"]
 
 
 # -- names that are taken --------------------------------------------------------------------------------
 
 
-def test_a_name_that_an_asset_of_another_partition_has_or_had_is_refused(fleet, tables):
+def test_a_name_that_an_asset_of_another_partition_has_or_had_is_refused(fleet):
     with taken(fleet, OWN) as store, taken(fleet, HASHED) as other:
         fakes.take(store, None, "unsw", 0, 100.0)
         fakes.take(other, None, NEW, 0, 100.0)
@@ -206,12 +190,12 @@ def test_a_name_that_an_asset_of_another_partition_has_or_had_is_refused(fleet, 
         with pytest.raises(InputError, match=NEXT):
             rename(store, "unsw", NEXT)
         assert row(fleet)["label"] == "unsw" and row(fleet, NEW)["label"] == NEXT
-        assert names(tables) == {"unsw": OWN, NEW: HASHED, NEXT: HASHED}
-        assert [place(tables, name) for name in ("unsw", NEW, NEXT)] == [OWN, HASHED, HASHED]
+        assert names(fleet) == {"unsw": OWN, NEW: HASHED, NEXT: HASHED}
+        assert [place(store, name) for name in ("unsw", NEW, NEXT)] == [OWN, HASHED, HASHED]
 
 
 def test_a_name_that_was_given_elsewhere_begins_no_asset_where_it_hashes_to(fleet):
-    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other, FleetStore(fleet, LAYOUT) as at_front:
+    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other, at_front(fleet) as front_end:
         fakes.take(store, None, "unsw", 0, 100.0)
         rename(store, "unsw", NEW)
         with pytest.raises(InputError, match=f"there is an asset '{NEW}' already"):
@@ -221,9 +205,9 @@ def test_a_name_that_was_given_elsewhere_begins_no_asset_where_it_hashes_to(flee
             other.note(NEW, [("added", {})])
         assert other.assets() == () and not other.windows(NEW)
         with pytest.raises(InputError):
-            at_front.stores.at(HASHED).note(NEW, [])
-        assert at_front.assets() == ("unsw",)
-        assert {FleetNames(at_front).asset_of(name) for name in ("unsw", NEW, NEXT)} == {"unsw"}
+            front_end.note(NEW, [])
+        assert front_end.assets() == ("unsw",)
+        assert {Names(front_end.database).asset_of(name) for name in ("unsw", NEW, NEXT)} == {"unsw"}
 
 
 @pytest.mark.parametrize("turn", range(6))
@@ -267,6 +251,18 @@ def test_assets_of_the_settings_are_those_of_the_partition_that_has_their_name(t
             declare(settings, own, Names(own.database), known.refusal)
             shown[partition] = set(fakes.WrittenTable(own).names())
         assert shown == {OWN: {NEW}, HASHED: {here}}
+
+
+def test_an_asset_that_takes_over_the_frames_of_another_is_in_its_partition(fleet):
+    with taken(fleet, OWN) as store, taken(fleet, HASHED) as other:
+        fakes.take(store, None, "unsw", 0, 100.0)
+        Names(store.database).give_streams("unsw", NEW)
+        assert row(fleet, NEW)["share"] == OWN and set(store.assets()) == {"unsw", NEW} and other.assets() == ()
+        known = PartitionStreams(LAYOUT, HASHED, "gearbox")
+        known.read(other.database)
+        assert f"asset {NEW} is in partition {OWN}" in known.refusal(NEW)
+        with pytest.raises(InputError, match=f"there is an asset '{NEW}' already"):
+            other.note(NEW, [("added", {})])
 
 
 @pytest.mark.parametrize("asks", [False, True])

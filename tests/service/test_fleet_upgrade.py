@@ -5,12 +5,11 @@ from __future__ import annotations
 import pytest
 import service_fakes as fakes
 import sqlalchemy as sa
-from fleets import PARTITIONS, taken, windows
+from fleets import PARTITIONS, at_front, taken, windows
 
 from service.errors import NewerTables, StoreError
-from service.fleet.databases import engine_of, made
-from service.fleet.front_store import FleetStore
-from service.fleet.layout import Layout, create, layout_of, partition_of
+from service.fleet.databases import engine_of
+from service.fleet.layout import Layout, create, layout_of, look, partition_of
 from service.results.schema import REVISION
 
 pytestmark = pytest.mark.slow
@@ -21,14 +20,13 @@ OWN = partition_of("unsw", PARTITIONS)
 @pytest.fixture
 def tables(fleet):
     engine = engine_of(fleet, poolclass=sa.NullPool)
-    made(fleet, OWN, PARTITIONS)
     yield engine
     engine.dispose()
 
 
 def stamp(engine, revision):
     with engine.begin() as db:
-        db.exec_driver_sql(f"UPDATE fleet.facts SET value = '{revision}' WHERE name = 'revision'")
+        db.exec_driver_sql(f"UPDATE fleet.alembic_version SET version_num = '{revision}'")
 
 
 @pytest.mark.parametrize(
@@ -39,7 +37,7 @@ def stamp(engine, revision):
     ],
 )
 def test_who_is_of_another_release_writes_nothing_and_says_why(fleet, tables, other, kind, why):
-    with taken(fleet, OWN) as worker, FleetStore(fleet, Layout(PARTITIONS)) as front_end:
+    with taken(fleet, OWN) as worker, at_front(fleet) as front_end:
         fakes.take(worker, None, "unsw", 0, 100.0)
         stamp(tables, other)
         with pytest.raises(kind, match=why):
@@ -47,7 +45,7 @@ def test_who_is_of_another_release_writes_nothing_and_says_why(fleet, tables, ot
         with pytest.raises(kind, match=why), front_end.database.transaction():
             pass
         with pytest.raises(kind, match=why):
-            front_end.fleet.look()
+            look(front_end.database)
         with pytest.raises(StoreError, match=why):
             taken(fleet, OWN)
         with pytest.raises(kind, match=why):
@@ -55,7 +53,7 @@ def test_who_is_of_another_release_writes_nothing_and_says_why(fleet, tables, ot
         with pytest.raises(kind, match=why):
             create(tables, PARTITIONS)
     stamp(tables, REVISION)
-    assert len(windows(fleet, OWN)) == 1 and create(tables, PARTITIONS) == layout_of(tables) == Layout(PARTITIONS)
+    assert len(windows(fleet)) == 1 and create(tables, PARTITIONS) == layout_of(tables) == Layout(PARTITIONS)
 
 
 def test_a_database_that_cannot_hold_all_characters_is_refused(postgresql_server):
@@ -65,3 +63,15 @@ def test_a_database_that_cannot_hold_all_characters_is_refused(postgresql_server
             create(engine, PARTITIONS)
         assert "fleet" not in sa.inspect(engine).get_schema_names()
         engine.dispose()
+
+
+def test_a_fleet_with_a_schema_for_each_partition_is_refused_with_what_to_do(empty_postgresql):
+    engine = engine_of(empty_postgresql, poolclass=sa.NullPool)
+    with engine.begin() as db:
+        db.exec_driver_sql("CREATE SCHEMA fleet")
+        db.exec_driver_sql("CREATE TABLE fleet.facts (name text PRIMARY KEY, value text)")
+        db.exec_driver_sql("CREATE TABLE fleet.partitions (number integer PRIMARY KEY)")
+    for call in (lambda: create(engine, PARTITIONS), lambda: layout_of(engine)):
+        with pytest.raises(StoreError, match="before the first release, which no program reads any more: begin with"):
+            call()
+    engine.dispose()

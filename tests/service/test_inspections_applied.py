@@ -62,6 +62,7 @@ def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.serve_only("a front end is not told that the storage of a worker is full")
 @pytest.mark.parametrize("verb", ["inspection", "decision"])
 def test_what_a_full_disk_keeps_from_being_used_is_answered_at_once_as_waiting(tmp_path, recording, monkeypatch, verb):
     """What is kept was answered after half a minute, as though it might be carried out meanwhile."""

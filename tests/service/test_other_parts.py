@@ -140,7 +140,7 @@ def imported(file: Path) -> set[str]:
     [
         ("zenoh", {"transport/zenoh.py", "transport/zenoh_session.py"}),
         ("sqlite3", {"results/archive.py"}),
-        ("psycopg", {"fleet/front_watch.py", "fleet/listener.py", "results/bounded_connection.py"}),
+        ("psycopg", {"fleet/channel.py", "results/bounded_connection.py"}),
     ],
 )
 def test_one_file_alone_knows_the_network_and_one_the_database(package, homes):

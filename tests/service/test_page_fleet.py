@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 import test_fleet_lists
-from fleets import as_a_front_end
 
 pytestmark = pytest.mark.slow
 
@@ -12,8 +11,7 @@ board = test_fleet_lists.board
 
 
 @pytest.fixture
-def store(fleet_store, monkeypatch):
-    as_a_front_end(monkeypatch, fleet_store)
+def store(fleet_store):
     return fleet_store
 
 

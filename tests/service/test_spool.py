@@ -10,7 +10,7 @@ from functools import partial
 import fake_twin
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import Service, SqliteFile, tables_of, wait_until, write_recording
+from service_streams import Service, SqliteFile, wait_until, write_recording
 from test_decisions import post
 from test_other_parts import serving
 
@@ -31,7 +31,7 @@ def recording(tmp_path_factory):
 def waiting(running):
     """The windows that wait by the database, of a service that has ended."""
     with running.store() as store:
-        return WindowJobs(tables_of(store), running.folder / WAITING).waiting("unsw")
+        return WindowJobs(store.database, running.folder / WAITING).waiting("unsw")
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import fake_twin
 import httpx
 import pytest
 from memory_transport import MemoryNetwork
-from service_streams import Service, SqliteFile, tables_of, wait_until, write_recording
+from service_streams import Service, SqliteFile, wait_until, write_recording
 from test_asset_life import revolutions
 from test_decisions import post
 from test_other_parts import serving
@@ -227,7 +227,7 @@ def position(running, network, stream="unsw"):
 
 def tables(folder):
     with Service(folder).store() as store:
-        return SqlStore(tables_of(store)).assets()
+        return SqlStore(store.database).assets()
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from service_streams import tables_of, wait_until
+from service_streams import wait_until
 from test_asset_life import (  # noqa: F401  fixtures
     FIRST,
     UNSW,
@@ -96,7 +96,7 @@ def test_the_alarm_that_an_inspection_raised_is_shown(running, network, first, u
     running.wait_for_windows(WINDOWS)
     rules = [{"name": "depth", "quantity": "depth", "watch": 60.0, "alarm": 100.0}]
     with running.store() as store:
-        AlarmStore(tables_of(store)).keep_rules("unsw", rules, {"by": "Anna", "note": "", "at": ""})
+        AlarmStore(store.database).keep_rules("unsw", rules, {"by": "Anna", "note": "", "at": ""})
     given = {"revolutions": 1800, "max_depth_um": 300.0, "flank": "combined", "std_um": 5.0}
     assert post(running, f"{UNSW}/inspections", given)[1]["applied"] and unanswered
     (kept,) = running.get(f"{UNSW}/alarms")
