@@ -168,8 +168,10 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
         board.update("unsw", label=NEW, alarms=(alarm,))
         with board.follow() as changes, at_front(fleet) as front_end:
             changes.take(0)  # all assets
-            assert AlarmKeeper(AlarmStore(front_end.database)).sign("unsw", alarm["id"], "acknowledged", "Anna", "")
-            assert changes.take(20) == ("unsw",)
+            with front_end.database.transaction():
+                signed = AlarmKeeper(AlarmStore(front_end.database)).sign("unsw", alarm["id"], "acknowledged", "A", "")
+                front_end.note("unsw", signed[1])
+            assert changes.take(20) == ("unsw",) and alarms.changed_by_people() == ("unsw",)
         listener.end()
         assert board.names() == (NEW,) and board.get("unsw").alarms[0]["acknowledged"]
 
