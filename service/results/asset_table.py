@@ -11,12 +11,12 @@ import asyncio
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Select, Table, and_, bindparam, func, or_, select
+from sqlalchemy import ColumnElement, Select, and_, bindparam, func, or_, select
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
@@ -40,6 +40,12 @@ _OF = ASSETS.c.asset == bindparam("of")
 _LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == bindparam("of"))
 _SEEN = select(ASSETS.c.version, _LAST_EVENT.scalar_subquery()).where(_OF)
 _VOLATILE = select(ASSETS.c.volatile).where(_OF)
+_ALL_SHOWN = select(ASSETS.c.asset, ASSETS.c.version, ASSETS.c.volatile)
+_SUMMARIES = select(ASSETS.c.summary, ASSETS.c.asset).order_by(ASSETS.c.label)
+_STALE = select(ASSETS.c.label, ASSETS.c.volatile).where(ASSETS.c.data == "stale").order_by(ASSETS.c.label)
+_BY_LEVEL = select(ASSETS.c.level, func.count()).group_by(ASSETS.c.level)
+_AREA = (ASSETS.c.area, ASSETS.c.level, ASSETS.c.retired.is_not(None))
+_BY_AREA = select(*_AREA, func.count(), func.coalesce(func.sum(ASSETS.c.alarms), 0)).group_by(*_AREA)
 _LABELLED = select(ASSETS.c.asset).where(ASSETS.c.label == bindparam("of"))
 
 
@@ -89,10 +95,7 @@ class AssetTable:
         """Takes up all assets at the start of a service, which has read what is committed of them."""
         last_events = self._store.last_event_ids()
         opened = {} if self._alarms is None else self._alarms.store.open_by_asset()
-        rows = {
-            asset: (version, volatile)
-            for asset, version, volatile in self._rows(lambda t: select(t.c.asset, t.c.version, t.c.volatile))
-        }
+        rows = {asset: (version, volatile) for asset, version, volatile in self._rows(_ALL_SHOWN)}
         for stored in known:
             asset = stored.asset
             version, volatile = rows[asset]
@@ -234,11 +237,10 @@ class AssetTable:
 
     # -- all assets ----------------------------------------------------------------------------------
 
-    def _rows(self, query: Callable[[Table], Select], order: Sequence[str] = (), limit: int | None = None) -> list[Any]:
-        """The rows that a query of the assets' table answers; by columns, of which one with `-` falls."""
-        ordered = (ASSETS.c[name.lstrip("-")].desc() if name.startswith("-") else ASSETS.c[name] for name in order)
-        own = self._store.database.own(ASSETS.c.asset)
-        return self._store.database.rows(query(ASSETS).where(own).order_by(*ordered).limit(limit))
+    def _rows(self, query: Select) -> list[Any]:
+        """The rows that a query of the assets answers; in a fleet's worker, of its own assets."""
+        database = self._store.database
+        return database.rows(query.where(database.own(ASSETS.c.asset)))
 
     def known(self) -> tuple[str, ...]:
         """The assets of which this process has a snapshot, sorted."""
@@ -246,24 +248,20 @@ class AssetTable:
 
     def assets(self) -> tuple[str, ...]:
         """The assets, sorted."""
-        return tuple(asset for (asset,) in self._rows(lambda t: select(t.c.asset), ["asset"]))
+        return tuple(asset for (asset,) in self._rows(select(ASSETS.c.asset).order_by(ASSETS.c.asset)))
 
     def names(self) -> tuple[str, ...]:
         """What the assets are called now, sorted."""
-        return tuple(name for (name,) in self._rows(lambda t: select(t.c.label), ["label"]))
+        return tuple(name for (name,) in self._rows(select(ASSETS.c.label).order_by(ASSETS.c.label)))
 
     def summaries(self) -> list[Mapping[str, Any]]:
         """The list of assets, by name."""
-        rows = self._rows(lambda t: select(t.c.summary, t.c.asset, t.c.label), ["label"])
-        return [self._summary(text, asset) for text, asset, _ in rows]
+        return [self._summary(text, asset) for text, asset in self._rows(_SUMMARIES)]
 
     def page(self, choice: Choice) -> Page:
         """A page of the list, the most severe first."""
-        rows = self._rows(
-            lambda t: select(t.c.summary, t.c.asset, t.c.severity, t.c.label).where(*_conditions(t, choice)),
-            ["-severity", "label"],
-            choice.limit + 1,
-        )
+        chosen = select(*(ASSETS.c[n] for n in ("summary", "asset", "severity", "label"))).where(*_conditions(choice))
+        rows = self._rows(chosen.order_by(ASSETS.c.severity.desc(), ASSETS.c.label).limit(choice.limit + 1))
         shown = [self._summary(text, asset) for text, asset, _, _ in rows[: choice.limit]]
         if len(rows) <= choice.limit:
             return Page(summaries=shown, next=None)
@@ -273,7 +271,7 @@ class AssetTable:
     def areas(self) -> list[dict[str, Any]]:
         """The areas with their numbers of assets."""
         found: dict[str, dict[str, Any]] = {}
-        for name, level, retired, count, alarms in self._rows(_by_area):
+        for name, level, retired, count, alarms in self._rows(_BY_AREA):
             area = found.setdefault(name, {"levels": {}, "alarms": 0, "retired": 0})
             if retired:
                 area["retired"] += count
@@ -284,17 +282,12 @@ class AssetTable:
 
     def levels(self) -> dict[str, int]:
         """How many assets have each level of the status."""
-        found: dict[str, int] = {}
-        for level, count in self._rows(lambda t: select(t.c.level, func.count()).group_by(t.c.level)):
-            found[level] = found.get(level, 0) + count
-        return found
+        return dict(tuple(row) for row in self._rows(_BY_LEVEL))
 
     def stale(self) -> list[tuple[str, str, str]]:
         """Assets whose figures are out of date: name, why, since when (ISO 8601)."""
         found = []
-        for name, volatile in self._rows(
-            lambda t: select(t.c.label, t.c.volatile).where(t.c.data == "stale"), ["label"]
-        ):
+        for name, volatile in self._rows(_STALE):
             parts = volatile_of(volatile, name)
             stale = parts.get("damaged") or parts.get("stale")
             if stale is not None:
@@ -342,17 +335,9 @@ class AssetTable:
         self._signal.wake()
 
 
-def _by_area(table: Table) -> Select:
-    retired = table.c.retired.is_not(None)
-    alarms = func.coalesce(func.sum(table.c.alarms), 0)
-    return select(table.c.area, table.c.level, retired, func.count(), alarms).group_by(
-        table.c.area, table.c.level, retired
-    )
-
-
-def _conditions(table: Table, choice: Choice) -> list[ColumnElement[bool]]:
+def _conditions(choice: Choice) -> list[ColumnElement[bool]]:
     """What the rows of a choice fulfil."""
-    c = table.c
+    c = ASSETS.c
     found: list[ColumnElement[bool]] = [c.words.contains(word, autoescape=True) for word in choice.words]
     if choice.after is not None:
         severity, name = choice.after.severity, choice.after.asset
