@@ -12,6 +12,7 @@ from segments import segment_of
 from service_streams import ROOT, wait_until
 from test_workers import window
 
+from service.files.recorded_rig import rig_of
 from service.fleet import kept_curves
 from service.fleet.kept_curves import CurveWriter, StoredCurves
 from service.fleet.searches import Search, Searches
@@ -20,9 +21,12 @@ from service.runtime.assess import assess
 from service.runtime.computing import Ask, Call, WindowToUse
 from service.runtime.curves import Curves
 from service.runtime.packed_state import NEW
+from service.runtime.reception import Reception
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker_processes import Processes
 from service.runtime.worker_task import Tasks, perform
+from service.stream.edge_counts import EncoderCounts
+from service.stream.sources.mcap import Recording
 from twin.rig import Rig
 from twin.updating.model_cache import PATHS
 
@@ -152,29 +156,34 @@ def test_the_end_calls_searches_off(given, tmp_path):
 
 
 class Recorder:
-    """The windows of a campaign as the twin is given them, and what it makes of them."""
+    """The windows of a campaign as a reception closes them, and what is made of them."""
 
     def __init__(self, recording):
-        self.given = []
-        self.expected = assess(recording, twin=replace(gear_twin(), step=self.step))
+        self.given, self.expected = [], assess(recording)
+        with Recording(recording) as source:
+            self.rig = rig_of(source, None)
+            reception = Reception(lambda name: self.rig, lambda closed: self.given.append(closed.segment))
+            for frame in source.frames(lambda channel, error: pytest.fail(str(error))):
+                reception.feed(frame)
+            reception.flush()
 
-    def step(self, rig, state, given, options):
-        self.given.append((rig, given))
-        return gear_twin().step(rig, state, given, options)
+    def call(self, number, made):
+        """What is asked of a window, after what was made of the one before; None before the first."""
+        segment, before = self.given[number], EncoderCounts() if made is None else made.encoders
+        about = WindowToUse(start_ns=segment.start_ns, segment=segment, before=before)
+        state = NEW if made is None else made.state
+        return Call(asset="unsw", twin=gear_twin(), rig=self.rig, state=state, ask=Ask("window", about))
 
 
 def carried_through(recorder, given):
     """What the windows lead to, one after the other."""
-    state, answers = NEW, []
-    for rig, one in recorder.given:
-        about = WindowToUse(start_ns=one.start_time_ns, segment=segment_of(one))
-        call = Call(asset="unsw", twin=gear_twin(), rig=rig, state=state, ask=Ask("window", about))
-        given.searches.start(call, given.made.append)
+    made, answers = None, []
+    for number in range(len(recorder.given)):
+        given.searches.start(recorder.call(number, made), given.made.append)
         given.wait(lambda: len(given.made) > len(answers), 120.0)
         made = given.made[-1]
-        state = made.state
         answers.append(made.answer)
-    return state, answers
+    return made.state, answers
 
 
 @pytest.mark.slow
@@ -209,21 +218,17 @@ def test_a_process_that_goes_on_with_an_asset_reads_its_curves_and_computes_none
     begin(fleet, "unsw")
     stored, writer = StoredCurves(fleet), CurveWriter(fleet)
     writer.start()
-    tasks, state, kept = Tasks(stored), NEW, []
+    tasks, before, kept = Tasks(stored), None, []
     PATHS.clear()
-    for rig, one in recorder.given[:5]:
-        about = WindowToUse(start_ns=one.start_time_ns, segment=segment_of(one))
-        call = Call(asset="unsw", twin=gear_twin(), rig=rig, state=state, ask=Ask("window", about))
-        reply = perform(tasks.of(call))
-        state = reply.made.state
+    for number in range(5):
+        reply = perform(tasks.of(recorder.call(number, before)))
+        before = reply.made
         if reply.curves is not None:
             kept.append(reply.curves)
             writer.keep("unsw", reply.curves)
     wait_until(lambda: not writer._waiting)
     assert kept and all(stored.read("unsw", name) for name in kept[-1].names)
-    rig, last = recorder.given[5]
-    about = WindowToUse(start_ns=last.start_time_ns, segment=segment_of(last))
-    call = Call(asset="unsw", twin=gear_twin(), rig=rig, state=state, ask=Ask("window", about))
+    call = recorder.call(5, before)
     expected = perform(tasks.of(call))
     PATHS.clear()
     made = perform(tasks.of(call))

@@ -24,7 +24,6 @@ from service.results.jobs import Jobs
 from service.runtime.computing import Ask, Call, WindowToUse, carry_out
 from service.runtime.replay import replay
 from twin.observed import TRACING, observed_by, part
-from twin.windows import Window
 
 INPUTS = """schema = "gear-inputs/1"
 
@@ -138,7 +137,7 @@ def test_computation_and_tracing_are_timed_where_they_happen():
             twin=Tracing(),
             rig=load_rig(RIG),
             state=object(),
-            ask=Ask("window", WindowToUse(start_ns=0, window=Window(start_time_ns=0))),
+            ask=Ask("window", WindowToUse(start_ns=0, segment=fakes.SEGMENT)),
         )
     )
     assert set(made.parts) == {"total", TRACING} and made.parts["total"] >= made.parts[TRACING] > 0
