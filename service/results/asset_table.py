@@ -111,18 +111,20 @@ class AssetTable:
     def get(self, asset: str) -> Snapshot | None:
         """The asset as it is committed, with what only this process knows; None where there is none."""
         self._old.discard(asset)
+        before = made = self._made.get(asset)
         try:
             rows = self._store.database.rows(_SEEN, {"of": asset})
             seen = Seen(*rows[0]) if rows else Seen()
-            with self._lock:
-                made = self._made.get(asset)
             if rows and (made is None or made.seen != seen):
                 made = _Made(seen, self._read(asset, seen))
         except StoreError:
             self._old.add(asset)
             raise
         with self._lock:
-            if made is None or (not rows and asset not in self._noted):
+            present = self._made.get(asset)
+            if present is not None and present is not before and (made is None or present.seen > made.seen):
+                made = present  # what this process has committed or read meanwhile
+            if made is None or (not rows and made is before and asset not in self._noted):
                 self._made.pop(asset, None)
                 return None
             return self._shown(asset, self._keep(asset, made))

@@ -86,7 +86,7 @@ class Kept:
 
     def told(self, what: str, asset: str) -> None:
         """Takes up what people have written of an asset without a job: that it is there, or what became of an alarm."""
-        self.table.changed(asset)
+        self.table.renewed(asset)
         if what == ALARM:
             assert self.alarms is not None
             self.alarms.changed(asset)
