@@ -47,7 +47,7 @@ DECISION_WAIT = 30.0  # how long a decision is waited for before it is answered 
 
 
 def create_app(
-    board: AssetTable,
+    table: AssetTable,
     store: SqlStore,
     queue: JobQueue | None = None,
     *,
@@ -65,7 +65,7 @@ def create_app(
     unserved: Callable[[], Sequence[int]] | None = None,
     told: Callable[[str, str], object] = lambda what, asset: None,
 ) -> FastAPI:
-    """The app over a board and its store.
+    """The app over the table of assets and its store.
 
     queue      where people's jobs are submitted; None where nobody carries them out: they are kept
     not_ready  why the service takes no frames yet, or None
@@ -89,10 +89,10 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    app.state.board, app.state.store, app.state.not_ready = board, store, not_ready
+    app.state.table, app.state.store, app.state.not_ready = table, store, not_ready
     app.state.signals, app.state.told = signals, told
     app.state.health = health or Health()
-    app.state.library = None if signals is None else _library(signals, store, board)
+    app.state.library = None if signals is None else _library(signals, store, table)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.names = Names(store.database)
     app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
@@ -104,7 +104,7 @@ def create_app(
     app.state.audit = log = audit or AuditLog(store.database)
     counts: Counter[str] = Counter()
     app.state.registry = collector.registry(
-        board,
+        table,
         app.state.queue.jobs,
         lambda: {**figures(), **admitted.figures(), **log.figures(), "http_refused": dict(counts)},
         labelled_assets,
@@ -138,14 +138,14 @@ def _describe(app: FastAPI) -> None:
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def _library(signals: KeptSignals, store: SqlStore, board: AssetTable) -> Callable[[], Library]:
+def _library(signals: KeptSignals, store: SqlStore, table: AssetTable) -> Callable[[], Library]:
     """The views of the windows that are kept, made when somebody first asks for one."""
 
     @cache
     def opened() -> Library:
         from service.signals.library import Library  # loads half of the twin, which a start does without
 
-        return Library(signals, store, board)
+        return Library(signals, store, table)
 
     return opened
 

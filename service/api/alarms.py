@@ -123,7 +123,7 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
     """Acknowledges or clears an open alarm by name; a cleared quantity still beyond its limit is raised again."""
     before = snapshot_of(request, asset)
     own = before.asset
-    keeper, store, board = request.app.state.alarms, request.app.state.store, request.app.state.board
+    keeper, store, table = request.app.state.alarms, request.app.state.store, request.app.state.table
     known = keeper.store.alarm(own, number) if 0 < number <= LARGEST else None
     if known is None:
         numbers = ", ".join(str(alarm["id"]) for alarm in keeper.open(own)) or "none"
@@ -138,9 +138,9 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
             request.app.state.audit.enter(
                 request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
             )
-        board.write(replace(before, alarms=open_now, last_event_id=store.last_event_id(own)).with_whole())
+        table.write(replace(before, alarms=open_now, last_event_id=store.last_event_id(own)).with_whole())
     request.app.state.told(ALARM, own)  # also of an attempt of which nobody knew that it was done
-    board.changed(own)
+    table.changed(own)
     if done is None:
         return problem(request, 409, _refusal(number, known))
     return JSONResponse(keeper.store.alarm(own, number))

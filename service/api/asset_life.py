@@ -21,9 +21,9 @@ from service.contract.base import iso_time
 from service.contract.rest import AssetSummary
 from service.errors import FAULT, InputError
 from service.files.rig import checked_rig
-from service.results.board import Snapshot
 from service.results.job_queue import ASSET
 from service.results.jobs import Job
+from service.results.snapshot import Snapshot
 
 router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
 
@@ -49,7 +49,7 @@ def begin_asset(
     request: Request, kind: str, asset: str, rig: Mapping[str, Any] | None, by: str | None, note: str | None
 ) -> JSONResponse:
     """An asset is created, or an unknown one is adopted; 409 where there is one of that name."""
-    board, store = request.app.state.board, request.app.state.store
+    table, store = request.app.state.table, request.app.state.store
     signed = signer(request, by)
 
     def kept() -> None:
@@ -57,14 +57,14 @@ def begin_asset(
         store.note(asset, [("change", {"kind": kind, "by": signed, "note": note})])
         if rig is not None:
             store.keep_rig(asset, rig)
-        board.write(Snapshot(asset=asset, rig=rig, last_event_id=store.last_event_id(asset)).with_whole())
+        table.write(Snapshot(asset=asset, rig=rig, last_event_id=store.last_event_id(asset)).with_whole())
 
     try:
         audited(request, f"asset {kind}", asset, kept, note=note, what={"rig": rig is not None})
     except InputError as error:
         return problem(request, 409, str(error))
     request.app.state.told(ASSET, asset)
-    board.changed(asset)
+    table.changed(asset)
     return JSONResponse(snapshot_of(request, asset).summary(), 201)
 
 

@@ -92,12 +92,12 @@ class Area(AnswerModel):
 @needs(Role.read)
 async def assets(request: Request, query: Annotated[ListQuery, Query()]) -> Any:
     """The assets seen, each with its status: all by name, or by pages, the most severe first."""
-    board, choice = request.app.state.board, query.choice()
+    table, choice = request.app.state.table, query.choice()
 
     def found() -> Response:
         if choice is None:
-            return answer(request, board.summaries())
-        page = board.page(choice)
+            return answer(request, table.summaries())
+        page = table.page(choice)
         made = answer(request, list(page.summaries))
         if page.next is not None:
             made.headers["Link"] = f'<{query.address(request.url.path, page.next.cursor)}>; rel="next"'
@@ -110,5 +110,5 @@ async def assets(request: Request, query: Annotated[ListQuery, Query()]) -> Any:
 @needs(Role.read)
 async def areas(request: Request) -> Any:
     """The parts of the plant by name: how many assets each has, by level."""
-    board = request.app.state.board
-    return await run_in_threadpool(lambda: answer(request, board.areas()))
+    table = request.app.state.table
+    return await run_in_threadpool(lambda: answer(request, table.areas()))

@@ -1,4 +1,4 @@
-"""REST: an asset and the parts of its state, read from the board, and its history."""
+"""REST: an asset and the parts of its state, read from the table of assets, and its history."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from service.contract.base import not_available
 from service.contract.inspections import refusal
 from service.contract.parts import NotAvailable, Residual, Rul, Wear
 from service.contract.window import WindowRecord
-from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare
 from service.results.jobs import INSPECTION, Job
+from service.results.snapshot import TAIL, has_point, trend_point
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 

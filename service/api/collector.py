@@ -20,8 +20,8 @@ from service.contract.status import DATA_LEVELS
 from service.errors import StoreError
 from service.operation.metric_catalogue import METRICS, OF_ASSETS, OTHERS, MetricEntry
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot
 from service.results.jobs import Jobs
+from service.results.snapshot import Snapshot
 
 Figure = float | Histogram | Mapping[str, float] | Mapping[tuple[str, ...], float]
 """A metric's value; by its label, or by all its labels in their order, where it has any."""

@@ -59,7 +59,7 @@ async def events(
     start = last_event_id if last_event_id is not None else after
     access, who, credential = request.app.state.access, request.state.who, credential_of(request)
     stream = _stream(
-        request.app.state.board,
+        request.app.state.table,
         request.app.state.store,
         snapshot.asset,
         asset,
@@ -70,19 +70,19 @@ async def events(
 
 
 async def _stream(
-    board: AssetTable, store: SqlStore, asset: str, name: str, after: int, admitted: Callable[[], bool]
+    table: AssetTable, store: SqlStore, asset: str, name: str, after: int, admitted: Callable[[], bool]
 ) -> AsyncIterator[ServerSentEvent]:
     """Events until the service ends, or the credential has expired or been revoked."""
-    with board.changes(asset) as changed:
+    with table.changes(asset) as changed:
         yield ServerSentEvent(comment=f"events of {name} after {after}", retry=RETRY_MS)
-        while not board.closed and admitted():
+        while not table.closed and admitted():
             changed.clear()  # before reading: what comes while reading sets it again
             page = await run_in_threadpool(store.events, asset, after, PAGE)
             for event in page:
                 yield _sent(event)
                 after = event.id
                 await asyncio.sleep(0)  # the loop learns here that a reader has gone, and cancels this stream
-            if len(page) < PAGE and not board.closed:
+            if len(page) < PAGE and not table.closed:
                 with suppress(TimeoutError):
                     await asyncio.wait_for(changed.wait(), PING_S)
 

@@ -110,7 +110,7 @@ async def unknown_assets(request: Request) -> Any:
 def adopt(request: Request, asset: str, given: Adoption) -> Any:
     """Makes an unknown asset one of this service's: its frames are used from now on."""
     found = _unknown(request).find(asset)
-    if request.app.state.board.find(asset) is None and found is None:
+    if request.app.state.table.find(asset) is None and found is None:
         return _not_listed(request, asset)
     offered = None if found is None else found.rig
     if given.rig is not None and (offered is None or digest_of(offered) != given.rig):

@@ -49,9 +49,9 @@ async def readyz(request: Request) -> Any:
         return problem(request, 503, reason)
     if not await may_read(request):
         return JSONResponse({"status": "ready"})
-    board, unserved = request.app.state.board, request.app.state.unserved
+    table, unserved = request.app.state.table, request.app.state.unserved
     try:
-        found = await asyncio.wait_for(run_in_threadpool(board.stale), READ_WAIT)
+        found = await asyncio.wait_for(run_in_threadpool(table.stale), READ_WAIT)
     except TimeoutError:
         return problem(request, 503, f"the database has not answered within {READ_WAIT:g} s")
     stale = [{"asset": asset, "since": since, "reason": reason} for asset, reason, since in found]

@@ -7,15 +7,15 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api.problems import UnknownAsset
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot
+from service.results.snapshot import Snapshot
 
 
 def snapshot_of(request: Request, name: str) -> Snapshot:
     """The snapshot of the asset that is called so; a 404 that names the known assets where there is none."""
-    board: AssetTable = request.app.state.board
-    snapshot = board.find(name)
+    table: AssetTable = request.app.state.table
+    snapshot = table.find(name)
     if snapshot is None:
-        raise UnknownAsset(name, board.names())
+        raise UnknownAsset(name, table.names())
     return snapshot
 
 

@@ -96,13 +96,13 @@ def _proposals(request: Request) -> ProposalList:
 
 
 def _differences(request: Request, proposal: Proposal) -> list[dict[str, str | None]]:
-    snapshot = request.app.state.board.get(proposal.asset)
+    snapshot = request.app.state.table.get(proposal.asset)
     present: Mapping[str, Any] = {} if snapshot is None else snapshot.rig or {}
     return [{"key": d.key, "present": d.before, "proposed": d.now} for d in differences(present, proposal.rig)]
 
 
 def _shown(request: Request, proposal: Proposal) -> dict[str, Any]:
-    snapshot = request.app.state.board.get(proposal.asset)
+    snapshot = request.app.state.table.get(proposal.asset)
     return {
         "asset": proposal.asset if snapshot is None else snapshot.name,
         "digest": proposal.digest,

@@ -1,6 +1,6 @@
 """What all bridges have in common: a thread of their own that tries again, and that nothing waits for.
 
-A bridge reads the board's latest states and never holds the service up. A connection that fails or is lost is tried
+A bridge reads the table's latest states and never holds the service up. A connection that fails or is lost is tried
 again with growing pauses; each cause is logged once, every failure is counted.
 """
 

@@ -33,7 +33,7 @@ from service.contract.plant import plant_alarm_change, plant_alarms, plant_resul
 from service.errors import InputError
 from service.printable import all_printable
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot
+from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.settings import Settings
 from service.steady_clock import later_time_ns

@@ -31,7 +31,7 @@ from service.errors import InputError
 from service.printable import all_printable, printable
 from service.results.asset_changes import AssetChanges
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot
+from service.results.snapshot import Snapshot
 from service.settings import Settings
 
 try:

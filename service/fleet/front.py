@@ -54,7 +54,7 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
     layout: Layout
     store: SqlStore
     alarms: AlarmKeeper
-    board: AssetTable
+    table: AssetTable
     queue: JobQueue
     watch: FrontWatch
 
@@ -67,15 +67,15 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
         layout = layout_at(database)
         store = SqlStore(front_tables(database, layout))
         alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
-        board = AssetTable(store, alarms)
+        table = AssetTable(store, alarms)
         queue = JobQueue(Jobs(store.database), DECIDED_WITHIN)
-        watch = FrontWatch(database, store.database, board, queue.done)
-        return cls(layout=layout, store=store, alarms=alarms, board=board, queue=queue, watch=watch)
+        watch = FrontWatch(database, store.database, table, queue.done)
+        return cls(layout=layout, store=store, alarms=alarms, table=table, queue=queue, watch=watch)
 
     def end(self) -> None:
         """Ends every wait."""
         self.queue.close()
-        self.board.close()
+        self.table.close()
 
     def __exit__(self, *_: object) -> None:
         self.watch.end()
@@ -112,7 +112,7 @@ def serve_front(
             return settings.data / folder_of(share_of(own.store.database, asset, own.layout))
 
         app = create_app(
-            own.board,
+            own.table,
             own.store,
             own.queue,
             not_ready=own.watch.not_ready,

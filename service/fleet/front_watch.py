@@ -26,9 +26,9 @@ class FrontWatch(Follower):
     changed  called after rows of assets have been written: who waits looks again
     """
 
-    def __init__(self, database: str, tables: Tables, board: AssetTable, changed: Callable[[], None]) -> None:
+    def __init__(self, database: str, tables: Tables, table: AssetTable, changed: Callable[[], None]) -> None:
         super().__init__(database, CHANGED, "fleet")
-        self._tables, self._board, self._changed = tables, board, changed
+        self._tables, self._table, self._changed = tables, table, changed
         self._partitions: list[Partition] = []
         self._reason: str | None = "the fleet's partitions have not been looked at yet"
 
@@ -48,7 +48,7 @@ class FrontWatch(Follower):
             "fleet_partitions_served": count - len(self.unserved()),
         }
         try:
-            found["fleet_assets"] = self._board.levels()
+            found["fleet_assets"] = self._table.levels()
         except StoreError:
             found["fleet_assets"] = {}
         return found | self.of_workers()
@@ -64,11 +64,11 @@ class FrontWatch(Follower):
         self._reason = None
 
     def begun(self) -> None:
-        self._board.changed()
+        self._table.changed()
         self._changed()
 
     def take(self, said: Iterable[str]) -> None:
-        self._board.changed(*said)
+        self._table.changed(*said)
         self._changed()
 
     def lost(self, error: Exception) -> None:

@@ -1,1 +1,1 @@
-"""What has been found: kept in the store, shown on the board."""
+"""What has been found: kept in the store, shown in the table of assets."""

@@ -9,7 +9,7 @@ class AssetChanges:
     """Names of the assets that have changed since they were last taken.
 
     It holds each name once, however often the asset changes: whoever takes a name finds the latest state on the
-    board. Noting a change never waits.
+    table. Noting a change never waits.
     """
 
     def __init__(self) -> None:

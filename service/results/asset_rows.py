@@ -14,9 +14,9 @@ from sqlalchemy import bindparam, select, update
 
 from service.json_text import compact, plain
 from service.results.asset_list import area_of, severity_of, words_of
-from service.results.board import Snapshot, Stale, Waiting
 from service.results.json_columns import dump, salvage
 from service.results.schema import ASSETS
+from service.results.snapshot import Snapshot, Stale, Waiting
 from service.results.store import Tables
 
 COLUMNS = ("area", "severity", "level", "data", "alarms", "words", "summary", "volatile")

@@ -25,9 +25,9 @@ from service.json_text import JsonText
 from service.results.asset_changes import AssetChanges
 from service.results.asset_list import Choice, Page, Place, area_entry
 from service.results.asset_rows import put, volatile_of
-from service.results.board import Snapshot
 from service.results.change_signal import ChangeSignal
 from service.results.schema import ASSETS, EVENTS
+from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
 from service.stream.wire.topics import NAME

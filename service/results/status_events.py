@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from service.results.board import Snapshot
+from service.results.snapshot import Snapshot
 
 Events = tuple[tuple[str, Mapping[str, Any]], ...]
 NAMED = ("level", "reasons", "action", "since")

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection
 
 from service.results.asset_table import AssetTable
-from service.results.board import Waiting
+from service.results.snapshot import Waiting
 from service.runtime.computing import Computing
 from service.runtime.lane import Lane
 from service.runtime.lanes import Lanes

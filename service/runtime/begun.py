@@ -16,13 +16,13 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_rows import put
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Snapshot
 from service.results.data_folder import BASELINES, SIGNALS, WAITING
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.rig_proposals import RigProposals
 from service.results.signal_store import SignalStore
+from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
 from service.results.unknown_assets import Elsewhere, UnknownAssets, everything_here

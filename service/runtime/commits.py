@@ -13,8 +13,8 @@ from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot
 from service.results.jobs import Job, Jobs
+from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
 from service.results.store import StoredWindow

@@ -1,6 +1,6 @@
 """The service: one process from frames to answers.
 
-The network's callbacks fill the inbox; one worker thread takes the frames through the pipeline to store, board and
+The network's callbacks fill the inbox; one worker thread takes the frames through the pipeline to store, table and
 network; HTTP is served in the main thread. A termination signal ends all of it within seconds: what is
 committed stays, and what was in progress is taken up from the store by the next start.
 """

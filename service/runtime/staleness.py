@@ -23,7 +23,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.base import spoken_time
 from service.contract.verdict import seconds_between
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot, Stale
+from service.results.snapshot import Snapshot, Stale
 from service.runtime.outcomes import Outcome, ResultSink
 from service.runtime.twin_port import Events
 from service.steady_clock import steady_time_ns

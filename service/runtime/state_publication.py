@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from service.results.asset_table import AssetTable
-from service.results.board import Snapshot
+from service.results.snapshot import Snapshot
 from service.transport.protocol import Transport
 
 

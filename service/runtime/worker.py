@@ -17,9 +17,9 @@ from service.operation.health import READY, RECEPTION, WORKERS, Health
 from service.operation.journey import Arrived, Journey, nobody
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Stale
 from service.results.job_queue import ALARM, JobQueue
 from service.results.names import Names
+from service.results.snapshot import Stale
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
 from service.results.unknown_assets import UnknownAssets
@@ -452,7 +452,7 @@ def restore(
 ) -> None:
     """Goes on where the store's assets ended. What their twins remember is read when it is first needed.
 
-    known  all assets of the store, where they have been read; it is empty afterwards: the board and the lanes go on
+    known  all assets of the store, where they have been read; it is empty afterwards: the table and the lanes go on
     """
     next_indices, waiting = store.next_indices(), {} if windows is None else windows.all_waiting()
     for stored in [*known.values()] if known else store.all_assets():

@@ -52,8 +52,8 @@ class Recent(Generic[T]):
 class Library:
     """Views of all assets' windows."""
 
-    def __init__(self, signals: KeptSignals, store: SqlStore, board: AssetTable) -> None:
-        self._signals, self._store, self._board = signals, store, board
+    def __init__(self, signals: KeptSignals, store: SqlStore, table: AssetTable) -> None:
+        self._signals, self._store, self._table = signals, store, table
         self._lock = threading.RLock()
         self._windows: Recent[Subject] = Recent(SUBJECTS)
         self._views: Recent[View] = Recent(KEPT_VIEWS)
@@ -98,12 +98,12 @@ class Library:
         return waterfall(kept, row, name, rows=rows, bins=bins, high=high, rig=rig)
 
     def _rig(self, asset: str) -> Rig:
-        snapshot = self._board.get(asset)
+        snapshot = self._table.get(asset)
         return Rig.from_mapping((snapshot.rig if snapshot else None) or {})
 
     def _version(self, asset: str) -> Any:
         """What changes whenever the twin of an asset, or what is known of its machine, does."""
-        snapshot = self._board.get(asset)
+        snapshot = self._table.get(asset)
         return None if snapshot is None else (snapshot.windows_total, snapshot.last_event_id)
 
     def _subject(self, asset: str, index: int, modelled: bool) -> Subject:

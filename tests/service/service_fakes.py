@@ -20,10 +20,10 @@ from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.board import Snapshot
 from service.results.data_folder import BASELINES, WAITING
 from service.results.jobs import DECISION, INSPECTION, Job, Jobs
 from service.results.names import Names
+from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
 from twin.windows import Edges, Window

@@ -269,7 +269,7 @@ def test_unserved_place_and_method_are_problems(client):
 
 
 def test_fault_of_the_program_is_a_500_without_its_inside(client):
-    client.app.state.board = None
+    client.app.state.table = None
     answer = client.get("/v1/assets")
     assert answer.status_code == 500 and "NoneType" not in answer.text
 

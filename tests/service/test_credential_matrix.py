@@ -121,7 +121,7 @@ def test_wrong_credential_does_nothing_and_each_attempt_is_in_the_audit_log(serv
         assert (entry["action"], entry["address"]) == ("refused", ADDRESS)
         assert entry["what"] == {"method": call[0], "path": call[1], "status": status}
         assert known[name] not in str(entry)
-    assert fakes.jobs_of(store).of("unsw", "inspection") == () and app.state.board.get("new-1") is None
+    assert fakes.jobs_of(store).of("unsw", "inspection") == () and app.state.table.get("new-1") is None
 
 
 @pytest.mark.parametrize("certificate", [None, "stranger"])

@@ -15,8 +15,8 @@ from service.alarms.keeper import AlarmKeeper
 from service.api import assets, create_app
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
-from service.results.board import TAIL, has_point, trend_point
 from service.results.inspections import compare
+from service.results.snapshot import TAIL, has_point, trend_point
 from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow

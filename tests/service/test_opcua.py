@@ -27,7 +27,7 @@ from service.bridges.opcua import NAMESPACE, OpcUaBridge
 from service.bridges.readings import UNITS, VARIABLES, readings_of
 from service.contract.plant import plant_result
 from service.errors import InputError
-from service.results.board import Stale
+from service.results.snapshot import Stale
 from service.runtime.bridging import bridges_of
 from service.settings import Settings
 

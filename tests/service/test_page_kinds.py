@@ -10,8 +10,8 @@ from gear_signals import START, meshing_window
 from machines import MODULATION, NOT_GIVEN, SUDDEN, show_machine, show_waiting
 from segments import keep
 
-from service.results.board import Waiting
 from service.results.signal_store import SignalStore
+from service.results.snapshot import Waiting
 from twin.windows import Window
 
 

@@ -11,7 +11,7 @@ import service_fakes as fakes
 
 from service.contract.answer import assemble
 from service.contract.status import Backlog, data_of
-from service.results.board import Waiting
+from service.results.snapshot import Waiting
 from service.runtime.backlog_watch import BacklogWatch, waiting_of
 from service.runtime.computing import Ask, Call, Inline, Made
 from service.runtime.computing_threads import Threads

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from service.results.asset_rows import _looks_alike
-from service.results.board import Snapshot
+from service.results.snapshot import Snapshot
 from service.runtime.computing import Ask, Call
 from service.runtime.packed_state import NEW
 from service.runtime.reception import Reception
