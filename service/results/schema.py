@@ -94,6 +94,7 @@ EVENTS = Table(
     _text("kind"),
     _json("data"),
     _number("start_ns", nullable=True),  # of the window whose record is the data; then `data` is empty
+    _number("again_ns", nullable=True),  # the same: a damaged one is not taken for that of a window that was thinned
     Index("events_of_asset", "asset", "id"),
     sqlite_autoincrement=True,
 )

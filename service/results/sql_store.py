@@ -68,11 +68,14 @@ _FROM = (  # with a range and a limit: SQLite walks along the asset's windows wh
 )
 _BEFORE = select(WINDOWS.c.before).where(WINDOWS.c.asset == NAMED, WINDOWS.c.start_ns == bindparam("at"))
 _OF_WINDOW = and_(WINDOWS.c.asset == EVENTS.c.asset, WINDOWS.c.start_ns == EVENTS.c.start_ns)
+_RECORD_OR_DATA = func.coalesce(WINDOWS.c.record, EVENTS.c.data)
+_IS_DAMAGED = EVENTS.c.start_ns != EVENTS.c.again_ns
 _EVENTS = (
-    select(EVENTS.c.id, EVENTS.c.kind, func.coalesce(WINDOWS.c.record, EVENTS.c.data))
+    select(*(EVENTS.c[n] for n in ("id", "kind", "start_ns", "again_ns")), _RECORD_OR_DATA)
     .outerjoin(WINDOWS, _OF_WINDOW)
     .where(EVENTS.c.asset == NAMED, EVENTS.c.id > bindparam("after"))
-    .where(or_(EVENTS.c.start_ns.is_(None), WINDOWS.c.start_ns.is_not(None)))  # those of thinned windows went with them
+    # those of thinned windows went with them
+    .where(or_(EVENTS.c.start_ns.is_(None), WINDOWS.c.start_ns.is_not(None), _IS_DAMAGED))
     .order_by(EVENTS.c.id)
     .limit(bindparam("most"))
 )
@@ -300,9 +303,14 @@ class SqlStore:
 
     def events(self, asset: str, after: int, limit: int = 500) -> tuple[Event, ...]:
         """The asset's events with an id above `after`, oldest first."""
-        rows = self._rows(_EVENTS, {"of": asset, "after": after, "most": limit})
-        found = ((i, kind, salvage(data, f"event {i} of {asset}")) for i, kind, data in rows)
-        return tuple(Event(id=i, asset=asset, kind=kind, data=data) for i, kind, data in found if data is not None)
+        found = []
+        for i, kind, start_ns, again_ns, kept in self._rows(_EVENTS, {"of": asset, "after": after, "most": limit}):
+            what = f"event {i} of {asset}"
+            if start_ns != again_ns:
+                say_damage(DamageError(f"{what} is damaged (its window is not the one that was written)"))
+            elif (data := salvage(kept, what)) is not None:
+                found.append(Event(id=i, asset=asset, kind=kind, data=data))
+        return tuple(found)
 
     def last_event_id(self, asset: str) -> int:
         return self._rows(_LAST_EVENT, {"of": asset})[0][0]
@@ -363,9 +371,9 @@ class SqlStore:
     ) -> None:
         """Adds events; one that repeats the record of the window that begins at `start_ns` refers to it."""
         rows = [
-            {"asset": asset, "kind": kind, "data": _REFERRING, "start_ns": start_ns}
+            {"asset": asset, "kind": kind, "data": _REFERRING, "start_ns": start_ns, "again_ns": start_ns}
             if record is not None and data == record
-            else {"asset": asset, "kind": kind, "data": dump(data), "start_ns": None}
+            else {"asset": asset, "kind": kind, "data": dump(data), "start_ns": None, "again_ns": None}
             for kind, data in events
         ]
         if rows:

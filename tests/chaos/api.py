@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import schemathesis
+import segments
 import service_fakes as fakes
 from gear_signals import meshing_window
 from hypothesis import HealthCheck, given, settings
@@ -95,7 +96,7 @@ class Interface:
         fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
         signals = SignalStore(folder / "signals", 2**30)
         for index in range(3):
-            signals.keep("unsw", index, meshing_window(index), revolutions=100.0 * index)
+            segments.keep(signals, "unsw", index, meshing_window(index), revolutions=100.0 * index)
         return create_app(
             board, store, signals=signals, baselines=BaselineStore(store.database, folder / "baselines"),
             access=access, limits=Limits(per_minute=10**9),

@@ -2,12 +2,9 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from service.results.asset_rows import _looks_alike
-from service.results.snapshot import Snapshot
 from service.runtime.computing import Ask, Call
 from service.runtime.packed_state import NEW
 from service.runtime.reception import Reception
@@ -39,14 +36,6 @@ def test_a_worker_gives_up_the_asset_asked_for_longest_ago():
         worker.with_asset("first").with_asset(f"a{number}")
     assert len(worker.assets) == MOST_ASSETS and {"first", f"a{MOST_ASSETS + 2}"} <= worker.assets.keys()
     assert "a0" not in worker.assets
-
-
-def test_a_row_is_compared_by_what_it_shows_and_not_by_where_that_lies():
-    """An object made in the place of one that was gone had its id, and the row was not written."""
-    before = Snapshot(asset="a", report={"status": "normal"}, windows_total=3)
-    assert _looks_alike(before, replace(before, report={"status": "normal"}))
-    assert not _looks_alike(before, replace(before, report={"status": "alarm"}))
-    assert not _looks_alike(None, before)
 
 
 def test_a_command_of_tests_says_nothing_that_the_command_itself_does_not():

@@ -31,7 +31,7 @@ def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_nee
         "matplotlib", "PIL", "scipy", "pandas", "alembic", "twin.step", "twin.tracing.trace",
         "service.contract.estimate", "service.signals.pictures", "service.report.content",
         "httpx", "tenacity",  # messages about alarms, and storage that is away
-        "mcap", "lz4", "service.results.raw_recordings",  # recordings
+        "service.results.raw_recordings",  # recordings
         "sqlalchemy.dialects.postgresql",
     }  # fmt: skip
     code = (
