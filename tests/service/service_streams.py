@@ -22,6 +22,7 @@ from service.fleet.layout import Layout, folder_of
 from service.results.data_folder import DATABASE
 from service.results.sql_store import SqlStore
 from service.runtime.demo import free_port as first_free
+from service.runtime.outcomes import Checkpoint
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
@@ -114,6 +115,12 @@ class Sink:
 
     def publish(self, outcome) -> None:
         self.published.append(outcome)
+
+
+def checkpoint_of(outcome) -> Checkpoint:
+    """Where an asset's windows ended with an outcome."""
+    names = ("index", "state", "report", "assembly", "quality", "making")
+    return Checkpoint(**{name: getattr(outcome, name) for name in names})
 
 
 class Service:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from service_streams import Sink
+from service_streams import Sink, checkpoint_of
 from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
 from service.contract.answer import assemble
@@ -16,7 +16,6 @@ from service.contract.base import iso_time, not_available
 from service.contract.window import REQUIRED as RECORD_FIELDS
 from service.contract.window import refused_record
 from service.errors import FrameError
-from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin
 from twin.errors import NotConverged, WindowError
@@ -144,17 +143,7 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
     last = first[-1]
     outcomes = list(first)
     second = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Sink(outcomes))
-    second.lanes.restore(
-        ASSET,
-        Checkpoint(
-            index=last.index,
-            state=last.state,
-            report=last.report,
-            assembly=last.assembly,
-            quality=last.quality,
-            making=last.making,
-        ),
-    )
+    second.lanes.restore(ASSET, checkpoint_of(last))
     for frame in frames:
         second.feed(frame)
     second.flush()

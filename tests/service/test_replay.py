@@ -10,12 +10,11 @@ from unittest.mock import patch
 
 import pytest
 from fake_twin import JOINED
-from service_streams import Sink, free_port
+from service_streams import Sink, checkpoint_of, free_port
 from streams import ASSET, bursts, content
 
 from service.errors import DeliveryError, InputError
 from service.runtime import pump
-from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import Positions
 from service.runtime.record import record
@@ -130,17 +129,7 @@ def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endp
         until(lambda: len(outcomes) >= 3)
     last = outcomes[-1]
     pipeline = make_pipeline(outcomes)
-    pipeline.lanes.restore(
-        ASSET,
-        Checkpoint(
-            index=last.index,
-            state=last.state,
-            report=last.report,
-            assembly=last.assembly,
-            quality=last.quality,
-            making=last.making,
-        ),
-    )
+    pipeline.lanes.restore(ASSET, checkpoint_of(last))
     with receiving(endpoint, pipeline):
         sender.join()
         until(lambda: len(outcomes) >= 8)
