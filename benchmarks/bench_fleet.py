@@ -75,7 +75,7 @@ class _Sink:
         if self._store is not None:
             self._store.commit(
                 outcome.asset, outcome.window.start_time_ns, record=outcome.record, state=outcome.state.to_dict(),
-                report=outcome.report, assembly=outcome.assembly, quality=outcome.quality, received_ns=time.time_ns(),
+                report=outcome.report, received_ns=time.time_ns(),
                 events=outcome.events,
             )  # fmt: skip
         return True

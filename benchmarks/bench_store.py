@@ -75,7 +75,7 @@ def actions(store: SqlStore, windows: int) -> dict[str, Callable[[], object]]:
     def commit() -> object:
         n = next(added)
         record = {**RECORD, "index": n}
-        given: dict[str, Any] = {"state": {"windows": n}, "report": {}, "assembly": {}, "quality": {}, "received_ns": 1}
+        given: dict[str, Any] = {"state": {"windows": n}, "report": {}, "received_ns": 1}
         return store.commit(ASSET, n * SPACING_NS, record=record, events=[("window", record)], **given)
 
     assert store.path is not None

@@ -93,7 +93,7 @@ def report_of(index: int, count: int) -> dict[str, Any]:
 def add(store: SqlStore, asset: str, index: int, count: int) -> tuple[Any, dict[str, Any]]:
     record, report = record_of(index, count), report_of(index, count)
     window = store.commit(
-        asset, record["start_time_ns"], record=record, state={}, report=report, assembly={}, quality={},
+        asset, record["start_time_ns"], record=record, state={}, report=report,
         received_ns=record["start_time_ns"], events=[("window", record)],
     )  # fmt: skip
     return window, report

@@ -82,7 +82,6 @@ def fill(data: Path, assets: Sequence[str], calendar: Calendar, numbers: range, 
     """
     with SqlStore(data / DATABASE) as store:
         report = JsonText(json.dumps(template()["report"]))
-        kept = store.asset(assets[0])
         for begun in range(numbers.start, numbers.stop, AT_ONCE):
             some = range(begun, min(begun + AT_ONCE, numbers.stop))
             with store.database.transaction() as db:
@@ -96,8 +95,6 @@ def fill(data: Path, assets: Sequence[str], calendar: Calendar, numbers: range, 
                         record=record,
                         state=StandInState(windows=number + 1).to_dict(),
                         report=report,
-                        assembly=kept.assembly or {},
-                        quality=kept.quality or {},
                         received_ns=start + round(LENGTH * NS),
                         events=(("window", record),),
                     )

@@ -152,7 +152,7 @@ def _add_asset(gathered: _Gathered, snapshot: Snapshot) -> None:
     gathered.add("stale", (name,), float(snapshot.stale is not None))
     if snapshot.received_ns is not None:
         gathered.add("last_window_seconds", (name,), snapshot.received_ns / 1e9)
-    for grade, count in snapshot.quality.get("windows", {}).items():
+    for grade, count in whole.get("data_quality", {}).get("windows", {}).items():
         gathered.add("windows", (name, grade), count)
     _add_frames(gathered, snapshot)
     _add_figures(gathered, snapshot)
@@ -161,7 +161,7 @@ def _add_asset(gathered: _Gathered, snapshot: Snapshot) -> None:
 def _add_frames(gathered: _Gathered, snapshot: Snapshot) -> None:
     """The counters of every channel, and the faults of all windows."""
     name, missing, in_place = snapshot.asset, 0, 0
-    for channel, kinds in snapshot.quality.get("channels", {}).items():
+    for channel, kinds in snapshot.whole.get("data_quality", {}).get("channels", {}).items():
         missing += kinds.get(MISSING, 0)
         in_place += kinds.get(IN_PLACE, 0)
         for kind, count in kinds.items():

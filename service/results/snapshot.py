@@ -14,6 +14,7 @@ from service.contract.status import Backlog, asked, none_yet, not_stored
 from service.results.sparkline import REFUSED, Sparkline
 from service.results.sql_store import SqlStore
 from service.results.store import FaultTotals, StoredAsset, StoredWindow, faults_of
+from service.stream.quality import data_quality
 
 TAIL = 100  # windows that a snapshot carries, the newest
 
@@ -56,7 +57,8 @@ class Snapshot:
     report: Mapping[str, Any] | None = None
     alarms: tuple[Mapping[str, Any], ...] = ()  # that are open, most urgent first
     rig: Mapping[str, Any] | None = None
-    quality: Mapping[str, Any] = field(default_factory=dict)
+    counts: Mapping[str, Any] = field(default_factory=dict)  # of its windows; `Counts.to_dict`
+    quality: Mapping[str, Any] = field(default_factory=dict)  # what is known of its frames; `received_quality`
     last_event_id: int = 0
     received_ns: int | None = None  # when the newest window was committed or held, Unix time of this machine [ns]
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
@@ -84,6 +86,7 @@ class Snapshot:
             fault_totals=stored.fault_totals,
             report=stored.report,
             rig=stored.rig,
+            counts=stored.making or {},
             quality=stored.quality or {},
             last_event_id=last_event_id,
             received_ns=stored.received_ns,
@@ -113,7 +116,7 @@ class Snapshot:
             self.name,
             self.records,
             self.report,
-            self.quality,
+            data_quality(self.counts, self.quality),
             windows_total=self.windows_total,
             stale=self.stale_text,
             added=(*added_of(self.alarms), *not_stored(self.unstored)),
@@ -185,7 +188,7 @@ class Snapshot:
             {"kind": kind, "channel": channel, "action": action, "count": count, "windows": windows}
             for (kind, channel, action), (count, windows) in sorted(self.fault_totals.items())
         ]
-        return {**self.quality, "totals": totals}
+        return {**data_quality(self.counts, self.quality), "totals": totals}
 
 
 def has_point(window: StoredWindow) -> bool:

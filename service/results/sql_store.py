@@ -1,7 +1,7 @@
 """Results in one database, SQLite or PostgreSQL.
 
-One window is one transaction: its record, the twin's state, its report, the place to resume the stream
-from, the data quality and the events are there together or not at all. The window's start is its name: a
+One window is one transaction: its record, the twin's state, its report, what the next one goes on from and
+the events are there together or not at all. The window's start is its name: a
 window that is committed already is not committed again, so nothing is counted twice.
 """
 
@@ -29,6 +29,7 @@ from service.results.retention import END_OF_EPOCH, NOTABLE, STAYS
 from service.results.schema import ASSETS, EVENTS, EXTREMES, FAULT_TOTALS, NUMBER, WINDOWS
 from service.results.sparse_reading import epochs_of, spread_numbers
 from service.results.store import Event, FaultTotals, StoredAsset, StoredWindow
+from service.steady_clock import later_time_ns
 
 VITAL = {"state", "assembly", "making", "quality", "counts"}  # without which an asset cannot go on
 JSON_PARTS = ("rig", "state", "report", "assembly", "making", "quality", "question", "retired")  # columns of an asset
@@ -137,8 +138,6 @@ class SqlStore:
         record: Mapping[str, Any],
         state: Mapping[str, Any],
         report: Mapping[str, Any] | None,
-        assembly: Mapping[str, Any],
-        quality: Mapping[str, Any],
         received_ns: int,
         before: Mapping[str, Any] | None = None,
         making: Mapping[str, Any] | None = None,
@@ -146,7 +145,8 @@ class SqlStore:
     ) -> StoredWindow | None:
         """One window, whole; None (and nothing changed) where it is there already.
 
-        before, making  what its making took from the window before, and what the next one goes on from
+        before  what its making took from the window before
+        making  what the next one goes on from, and what is counted of windows
         """
         refused = record.get("quality") == "refused"
         shown = {} if report is None or refused else plain(figures(report))
@@ -162,7 +162,7 @@ class SqlStore:
             }  # fmt: skip
             if db.execute(self._insert_window, row).first() is None:
                 return None
-            parts = {"state": state, "report": report, "assembly": assembly, "making": making, "quality": quality}
+            parts = {"state": state, "report": report, "making": making}
             counts["windows"] += 1
             counts["updates"] += bool(record.get("updated"))
             counts["received_ns"] = received_ns
@@ -278,6 +278,11 @@ class SqlStore:
         if numbers is None:
             return self.windows(asset, after, most, epoch=epoch)
         return self._windows(_THESE, {"of": asset, "epoch": epoch, "numbers": numbers})
+
+    def ended_ns(self, asset: str) -> int:
+        """End of an asset's newest window on the stream's own clock, else the host's time; Unix time [ns]."""
+        assembly = self.shown_asset(asset).assembly or {}
+        return assembly.get("closed_until_ns") or later_time_ns()
 
     def before(self, asset: str, start_ns: int) -> Mapping[str, Any]:
         """What the making of a window took from the one before; empty where that is not known any more."""

@@ -40,8 +40,8 @@ class StoredAsset:
     state: Mapping[str, Any] | None = None  # of the twin
     report: Mapping[str, Any] | None = None
     assembly: Mapping[str, Any] | None = None  # where the stream's windows end
-    making: Mapping[str, Any] | None = None  # what the making of the next window goes on from
-    quality: Mapping[str, Any] | None = None
+    making: Mapping[str, Any] | None = None  # what the making of the next window goes on from; counts of windows
+    quality: Mapping[str, Any] | None = None  # what is known of its frames
     windows: int = 0  # how many have been committed, refused ones too
     updates: int = 0  # of them, that updated the twin
     fault_totals: FaultTotals = field(default_factory=dict)  # of all windows

@@ -31,24 +31,18 @@ from service.results.baseline_store import BaselineStore
 from service.results.jobs import Job, Jobs
 from service.results.names import Names
 from service.results.present_machine import demand_present
-from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
+from service.results.rig_proposals import ACCEPTED, REJECTED
 from service.results.sparkline import Sparkline
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
 from service.runtime.computing import Ask, Made
 from service.runtime.decisions import decided
-from service.runtime.intake import Intake
-from service.runtime.lane import JobKind, Lane
-from service.runtime.lanes import Lanes
 from service.runtime.outcomes import Outcome
+from service.runtime.place import JobKind, Place
 from service.runtime.questions import GEARS_DIFFER, REPEATED, gears_differ
-from service.runtime.reception import Reception
 from service.runtime.rigs import MOST_NAMED, other_gears
-from service.runtime.spool import Spool
-from service.runtime.state_publication import StatePublication
-from service.runtime.streams import Streams
 from service.runtime.twin_port import Events
-from service.stream.quality import Quality
+from service.stream.quality import Counts
 from twin.machine_change import MachineChange
 
 NEW_GEARS = {"records": (), "latest": {}, "windows_total": 0, "updates": 0, "sparkline": Sparkline()}
@@ -63,23 +57,14 @@ class Changes:
         self,
         jobs: Jobs,
         windows: WindowJobs,
-        reception: Reception,
-        lanes: Lanes,
         store: SqlStore,
         table: AssetTable,
-        publication: StatePublication,
         *,
         names: Names,
-        streams: Streams,
-        intake: Intake,
-        spool: Spool,
         baselines: BaselineStore,
-        proposals: RigProposals,
     ) -> None:
-        self._names, self._proposals, self._baselines = names, proposals, baselines
-        self._jobs, self._windows, self._reception, self._lanes = jobs, windows, reception, lanes
-        self._store, self._table, self._publication = store, table, publication
-        self._streams, self._intake, self._spool = streams, intake, spool
+        self._jobs, self._windows, self._store, self._table = jobs, windows, store, table
+        self._names, self._baselines = names, baselines
         machine = JobKind(self._machine, self._ask_machine)
         self.kinds: Mapping[str, JobKind] = {
             **dict.fromkeys(("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled"), machine),
@@ -96,7 +81,7 @@ class Changes:
 
     # -- the kinds -----------------------------------------------------------------------------------
 
-    def _ask_machine(self, lane: Lane, change: Job) -> Ask:
+    def _ask_machine(self, place: Place, change: Job) -> Ask:
         given = change.given
         made = MachineChange(
             kind=change.kind, sensor=given.get("sensor"), at=given.get("revolutions"), began=given.get("count") or 0.0
@@ -105,9 +90,9 @@ class Changes:
             self._demand_sensor(change.asset, made.sensor)
         return Ask("change", made)
 
-    def _machine(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _machine(self, place: Place, change: Job, made: Made) -> Outcome:
         """A change of the machine: what it ends of the twin's memory begins again."""
-        asset, question, shown = change.asset, lane.question, self._table.latest(change.asset)
+        asset, question, shown = change.asset, place.question, self._table.latest(change.asset)
         assert made.answer is not None
         epoch, revolutions = (0, None) if shown is None else (shown.epoch, shown.latest.get("revolutions"))
         changed: dict[str, Any] = {}
@@ -118,8 +103,8 @@ class Changes:
             changed |= {"epoch": epoch, **NEW_GEARS}
             if "question" in changed and question is not None and question.get("rig") is not None:
                 changed["rig"] = question["rig"]
-        effect = {"epoch": epoch, "revolutions": revolutions, "from_window": lane.index}
-        outcome = decided(lane, made, self._reception.ended_ns(asset))
+        effect = {"epoch": epoch, "revolutions": revolutions, "from_window": place.index}
+        outcome = decided(place, made, self._store.ended_ns(asset))
 
         def judge(alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:
             events: Events = ()
@@ -134,20 +119,19 @@ class Changes:
             events=(_event(change, effect), *made.answer.events),
             led_to=effect,
             judge=judge,
-            after=partial(self._reopen, asset) if "rig" in changed else outcome.after,
         )
 
-    def _ask_other_machine(self, lane: Lane, change: Job) -> Ask:
-        self._open_question(change)
+    def _ask_other_machine(self, place: Place, change: Job) -> Ask:
+        _open_question(place, change)
         return Ask("forget")
 
-    def _other_machine(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _other_machine(self, place: Place, change: Job, made: Made) -> Outcome:
         """The stream is another machine's from now on, with the windows that wait.
 
         Where its frames repeat times that have passed, none of them has been used, and the windows stay.
         """
         asset, name = change.asset, change.given["name"]
-        question = self._open_question(change)
+        question = _open_question(place, change)
         fresh = question["kind"] == REPEATED
         rig = question.get("rig") or self._store.asset(asset).rig
 
@@ -156,58 +140,43 @@ class Changes:
             self._store.note(name, [("change", {"kind": "created", "from": asset})])
             if rig is not None:
                 self._store.keep_rig(name, rig)
-            if not fresh and lane.assembly:
-                making = {**lane.encoders.to_dict(), "found": self._reception.counts(asset).found}
-                self._store.keep(name, assembly=lane.assembly, quality=Quality().to_dict({}), making=making)
             if not fresh:
+                counts = Counts(found=place.counts.copy().found)
+                making = {**place.encoders.to_dict(), **counts.to_dict()}
+                self._store.keep(name, assembly=self._store.shown_asset(asset).assembly or {}, making=making)
                 self._windows.give_waiting(asset, name)
             self._names.give_streams(asset, name)
 
-        def take_over() -> None:
-            self._streams.reload()
-            self._lanes.of(name)
-            if fresh:
-                self._reception.flush(asset)
-            else:
-                self._spool.give(asset, name)
-            self._reception.split(asset, name, fresh=fresh)
-            self._intake.know(name)
-            self._table.renewed(name)
-            self._publication.publish(name)
-            self._lanes.give(asset, name, fresh=fresh)
-
         outcome = _outcome(change, {"asset": name}, question=None)
-        return replace(outcome, state=made.state, also=give, after=take_over)
+        return replace(outcome, state=made.state, also=give)
 
-    def _ask_ignore(self, lane: Lane, change: Job) -> Ask | None:
-        question = self._open_question(change)
+    def _ask_ignore(self, place: Place, change: Job) -> Ask | None:
+        question = _open_question(place, change)
         return Ask("ignore") if question["kind"] not in (GEARS_DIFFER, REPEATED) else None
 
-    def _ignore(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _ignore(self, place: Place, change: Job, made: Made) -> Outcome:
         """The question is closed without a change."""
-        question = self._open_question(change)
+        question = _open_question(place, change)
         effect = {"question": question["kind"], "differences": question.get("differences", [])}
         outcome = replace(_outcome(change, effect, question=None), state=made.state)
         if made.state is not None:
             outcome = replace(outcome, refuse=IGNORED)
-        if question["kind"] == REPEATED:
-            outcome = replace(outcome, after=partial(self._reception.ignore_repeats, change.asset))
         return outcome
 
-    def _rename(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _rename(self, place: Place, change: Job, made: Made) -> Outcome:
         """The asset has another name."""
         asset, name = change.asset, change.given["name"]
         outcome = _outcome(change, {"asset": name, "was": self._names.label(asset)}, label=name)
-        return replace(outcome, also=partial(self._names.rename, asset, name), after=self._streams.reload)
+        return replace(outcome, also=partial(self._names.rename, asset, name))
 
-    def _retire(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _retire(self, place: Place, change: Job, made: Made) -> Outcome:
         """The asset is out of use, or in use again."""
         retired = None
         if change.kind == "retired":
             retired = {"since": iso_time(change.received_ns)} | {k: change.given.get(k) for k in ("by", "note")}
         return _outcome(change, {}, retired=retired)
 
-    def _baseline(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _baseline(self, place: Place, change: Job, made: Made) -> Outcome:
         """The asset has another healthy baseline of its own, or none."""
         asset, given = change.asset, change.given
         before, file = self._baselines.path(asset), given.get("file")
@@ -224,72 +193,60 @@ class Changes:
 
         def use() -> None:
             present = self._baselines.path(asset)
-            self._lanes.reopen(asset)
             if before != present:
                 self._baselines.delete(before)
 
         event = ("change", {"id": change.id, "kind": change.kind, **about})
         return Outcome(asset=asset, events=(event,), led_to=about, also=keep, after=use)
 
-    def _accept_rig(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _accept_rig(self, place: Place, change: Job, made: Made) -> Outcome:
         """A person accepts a rig file that came on the stream; whose gears others are is asked as before."""
         asset, rig, digest = change.asset, change.given["rig"], change.given["digest"]
         checked_rig(rig, f"rig of {asset}")
         stored = self._store.asset(asset)
         identity = other_gears(stored, rig)
-        asked = self._question_about_gears(asset, rig, identity) if identity else None
+        asked = self._question_about_gears(place, rig, identity) if identity else None
         effect = {
             "digest": digest,
             "values": len(differences(stored.rig or {}, rig)),
             "question": GEARS_DIFFER if identity else None,
         }
 
-        def follow() -> None:
-            if not identity:
-                self._reopen(asset)
-            self._proposals.drop(asset, digest)
-
         outcome = _outcome(change, effect, **({"question": asked} if asked else {} if identity else {"rig": rig}))
         if asked is not None:
             outcome = replace(outcome, events=(("question", shown_question(asked) or {}), *outcome.events))
-        return replace(outcome, after=follow)
+        return outcome
 
     def _question_about_gears(
-        self, asset: str, rig: Mapping[str, Any], identity: tuple[str, ...]
+        self, place: Place, rig: Mapping[str, Any], identity: tuple[str, ...]
     ) -> Mapping[str, Any] | None:
         """The question to be opened; None where it is open."""
-        question = self._lanes.question(asset)
+        question = place.question
         if question is not None and question.get("rig") != rig:
             raise InputError("the open question must be answered first")
         if question is not None:
             return None
-        found = gears_differ(identity[:MOST_NAMED], "accepted rig file", self._reception.ended_ns(asset))
+        found = gears_differ(identity[:MOST_NAMED], "accepted rig file", self._store.ended_ns(place.asset))
         return {**found, "rig": dict(rig), "settings": False}
 
-    def _reject_rig(self, lane: Lane, change: Job, made: Made) -> Outcome:
+    def _reject_rig(self, place: Place, change: Job, made: Made) -> Outcome:
         """A person rejects a rig file that came on the stream: the present one stays."""
-        digest = change.given["digest"]
-        outcome = _outcome(change, {"digest": digest})
-        return replace(outcome, after=partial(self._proposals.reject, change.asset, digest))
+        return _outcome(change, {"digest": change.given["digest"]})
 
     # -- within --------------------------------------------------------------------------------------
 
-    def _reopen(self, asset: str) -> None:
-        """Goes on with the rig file that the asset has now."""
-        self._reception.reopen(asset)
-        self._lanes.reopen(asset)
-
-    def _open_question(self, change: Job) -> Mapping[str, Any]:
-        question = self._lanes.question(change.asset)
-        if question is None or change.kind not in question["answers"]:
-            raise InputError(f"{change.kind} answers a question, and none that it answers is open")
-        return question
-
     def _demand_sensor(self, asset: str, sensor: str) -> None:
-        channels = self._reception.quality(asset).get("channels") or {}
+        channels = (self._store.shown_asset(asset).assembly or {}).get("channels", ())
         known = sorted(label.partition("/")[2] for label in channels if label.startswith("accel/"))
         if known and sensor not in known:
             raise InputError(f"no accelerometer {sensor!r} has sent a frame; known: {', '.join(known)}")
+
+
+def _open_question(place: Place, change: Job) -> Mapping[str, Any]:
+    question = place.question
+    if question is None or change.kind not in question["answers"]:
+        raise InputError(f"{change.kind} answers a question, and none that it answers is open")
+    return question
 
 
 def _outcome(change: Job, effect: Mapping[str, Any], **changed: Any) -> Outcome:

@@ -85,8 +85,8 @@ class Commits:
     def _kept(self, outcome: Outcome, job: Job | None, before: Snapshot | None) -> Snapshot | None:
         """Writes an outcome; how the asset is shown then. None where its window is another attempt's."""
         asset, changed = outcome.asset, dict(outcome.changed)
-        parts = {n: v for n in ("assembly", "making", "quality", "report") if (v := getattr(outcome, n)) is not None}
-        changed |= {n: parts[n] for n in ("quality", "report") if n in parts}
+        parts = {n: v for n in ("making", "report") if (v := getattr(outcome, n)) is not None}
+        changed |= {"counts" if n == "making" else n: part for n, part in parts.items()}
         if outcome.state is not None:
             parts["state"] = outcome.state.to_dict()
         if outcome.window is not None or outcome.held:

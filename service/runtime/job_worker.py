@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 
 from service.errors import StoreError
 from service.results.job_queue import JobQueue
 from service.results.jobs import Job
-from service.runtime.lane import JobKind, Turn
+from service.runtime.lane import Turn
 from service.runtime.lanes import Lanes
+from service.runtime.place import JobKind
 
 NO_WINDOW = "no window has been processed yet"
 
 
 class JobWorker:
-    """Called between frames: hands the jobs that wait to the lanes of their assets, each once."""
+    """Called between frames: hands the jobs that wait to the lanes of their assets, each once.
 
-    def __init__(self, queue: JobQueue, lanes: Lanes, kinds: Mapping[str, JobKind]) -> None:
-        self._queue, self._lanes, self._kinds = queue, lanes, kinds
+    followed  called with each job that has been carried out
+    """
+
+    def __init__(
+        self,
+        queue: JobQueue,
+        lanes: Lanes,
+        kinds: Mapping[str, JobKind],
+        followed: Callable[[Job], None] = lambda job: None,
+    ) -> None:
+        self._queue, self._lanes, self._kinds, self._followed = queue, lanes, kinds, followed
         self._begun: set[int] = set()
         self._ended = False  # whether a job has ended of which nobody has been told
 
@@ -43,7 +52,11 @@ class JobWorker:
             refuse(NO_WINDOW)
         else:
             self._begun.add(job.id)
-            self._lanes.do(job.asset, Turn(job=job, kind=kind, refuse=refuse, ended=partial(self._end, job)))
+            self._lanes.do(job.asset, Turn(job=job, kind=kind, refuse=refuse, ended=self._carried_out))
+
+    def _carried_out(self, job: Job) -> None:
+        self._followed(job)
+        self._end(job)
 
     def _end(self, job: Job) -> None:
         self._begun.discard(job.id)

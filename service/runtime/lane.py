@@ -6,17 +6,14 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from service.operation.journey import Journey
 from service.results.jobs import Job
-from service.runtime.computing import Ask, Made
 from service.runtime.outcomes import Outcome
+from service.runtime.place import JobKind, Place
 from service.runtime.questions import ALL_WAIT
-from service.runtime.twin_port import Twin
-from service.stream.edge_counts import EncoderCounts
 from service.stream.segment import Segment
-from twin.rig import Rig
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -33,53 +30,25 @@ class Entry:
     journey: Journey = field(default_factory=Journey)
 
 
-def nothing(lane: Lane, job: Job) -> Ask | None:
-    """Nothing is asked of the twin."""
-    return None
-
-
-class JobKind(NamedTuple):
-    """How a kind of job is carried out. TwinError or InputError refuses the job.
-
-    then     what it leads to, with what the twin has made
-    ask      what is asked of the twin; None where nothing is
-    refused  the outcome of a job that cannot be carried out, by the reason
-    begins   whether it can be carried out before the asset's first window
-    """
-
-    then: Callable[[Lane, Job, Made], Outcome]
-    ask: Callable[[Lane, Job], Ask | None] = nothing
-    refused: Callable[[Job, str], Mapping[str, Any] | None] = lambda job, reason: None
-    begins: bool = False
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
     """A person's job, to be done between two windows of its asset.
 
     refuse  keeps that it cannot be done, with the reason
-    ended   called once it is done
+    ended   called with it and its outcome once it is done
     """
 
     job: Job
     kind: JobKind
     refuse: Callable[[str], None]
-    ended: Callable[[], None]
+    ended: Callable[[Job], None]
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
-class Lane:
+class Lane(Place):
     """How far the windows of one asset have been processed. Of them, the first `held` wait for an answer by people."""
 
-    asset: str
-    rig: Rig
-    twin: Twin
-    state: Any
-    index: int = 0  # of the next window
-    report: Mapping[str, Any] | None = None
     assembly: Mapping[str, Any] = field(default_factory=dict)  # Assembler.to_dict() as of the newest window here
-    encoders: EncoderCounts = field(default_factory=EncoderCounts)  # by the end of the last window that was made
-    question: Mapping[str, Any] | None = None  # that is open
     entries: deque[Entry] = field(default_factory=deque)
     held: int = 0
     jobs: deque[Turn] = field(default_factory=deque)
@@ -126,10 +95,7 @@ class Lane:
 
     def accept(self, outcome: Outcome) -> None:
         """Goes on from what a job has led to, once it has been committed."""
-        self.state = self.state if outcome.state is None else outcome.state
-        self.report = self.report if outcome.report is None else outcome.report
-        if "question" in outcome.changed:
-            self.question = outcome.changed["question"]
-            if self.question is None:
-                self.release(outcome.refuse)
+        Place.accept(self, outcome)  # `super` does not find itself in a class with slots
+        if "question" in outcome.changed and self.question is None:
+            self.release(outcome.refuse)
         self.held += outcome.held

@@ -30,8 +30,7 @@ from service.runtime.storage_watch import StorageWatch
 from service.runtime.twin_port import Twin
 from service.runtime.window_outcomes import outcome_of
 from service.steady_clock import later_time_ns
-from service.stream.edge_counts import EncoderCounts
-from service.stream.quality import Quality
+from service.stream.quality import Counts
 from service.stream.repeats import Repeats
 from twin.errors import TwinError
 from twin.rig import Rig
@@ -133,12 +132,11 @@ class Lanes:
 
     def restore(self, asset: str, checkpoint: Checkpoint, entries: Sequence[Entry] = ()) -> None:
         """Goes on where an earlier run ended, with the windows of an asset that it has left; `go` begins with them."""
-        if checkpoint.assembly is not None and checkpoint.quality is not None:
-            found = checkpoint.making.get("found", {})
-            self._reception.resume(asset, checkpoint.assembly, Quality.from_dict(checkpoint.quality, found))
+        if checkpoint.assembly:
+            self._reception.resume(asset, checkpoint.assembly, checkpoint.quality or {})
         lane = self.of(asset)
         lane.assembly = checkpoint.assembly or {}
-        lane.encoders = EncoderCounts.from_dict(checkpoint.making)
+        lane.make_from(checkpoint.making)
         lane.entries.extend(entries)
         if checkpoint.question is not None:
             lane.held = min(checkpoint.question["waiting"], len(lane.entries))
@@ -285,7 +283,7 @@ class Lanes:
                 turn.refuse(str(reason))
                 return
             self._accept(lane, outcome)
-            turn.ended()
+            turn.ended(replace(turn.job, done=True, outcome=outcome.led_to))
 
         self._settle(lane, end)
 
@@ -314,14 +312,12 @@ class Lanes:
             self._settle(lane, partial(self._commit, lane, entry, replace(made, refused=fell.reason)))
 
     def _commit(self, lane: Lane, entry: Entry, made: Made, *, shed: bool = False) -> None:
-        counts = self._reception.counts(lane.asset).copy()
-        section = partial(self._reception.quality, lane.asset)
         question, refuse = lane.question, None
         if _is_one_disturbed(lane, entry, made):
             question, refuse = None, ONE_DISTURBED
         elif shed and question is not None and lane.entries.index(entry) < lane.held:
             question = waiting(question, lane.held - 1, left_out=1)
-        outcome = outcome_of(lane, entry, made, counts, section)
+        outcome = replace(outcome_of(lane, made), waited=entry.number, file=entry.file)
         if question is not lane.question:
             outcome = replace(outcome, changed={"question": question}, refuse=refuse)
         committed = self._sink.commit(outcome)
@@ -329,10 +325,7 @@ class Lanes:
         if not committed:
             return
         entry.journey.stored_ns = later_time_ns()
-        lane.encoders = made.encoders or lane.encoders
-        lane.index += 1
         lane.shed += any((fault["kind"], fault["channel"]) == LEFT_OUT for fault in outcome.record["faults"])
-        self._reception.keep_counts(lane.asset, counts)
         self._accept(lane, outcome)
         entry.journey.published_ns = later_time_ns()
         self._arrived(lane.asset, outcome.index, outcome.record["quality"], entry.journey)
@@ -397,6 +390,7 @@ class Lanes:
         new.entries.extend(old.entries)
         old.entries.clear()
         new.assembly, new.encoders = old.assembly, old.encoders
+        new.counts = Counts(found=old.counts.copy().found)
         self._turn(new)
 
     def reopen(self, asset: str) -> None:

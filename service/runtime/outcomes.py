@@ -54,13 +54,11 @@ class Outcome:
     waited: int | None = None  # number of the job that the window was; None where it was kept in memory alone
     file: Path | None = None  # in which its frames were kept; None where they were in memory
     before: Mapping[str, Any] | None = None  # what its making took from the window before
-    making: Mapping[str, Any] | None = None  # what the making of the next window goes on from
+    making: Mapping[str, Any] | None = None  # what the making of the next window goes on from, and what is counted
     signals: bool = True  # whether it has any
     held: bool = False  # whether a window waits from now on until people have answered
     state: Any = None  # twin.step.State
     report: Mapping[str, Any] | None = None  # the twin's newest answer
-    assembly: Mapping[str, Any] | None = None  # Assembler.to_dict() as of the window
-    quality: Mapping[str, Any] | None = None  # the section `data_quality`
     changed: Mapping[str, Any] = field(default_factory=dict)  # other parts of the asset's snapshot
     events: Events = ()
     led_to: Mapping[str, Any] | None = None  # the outcome of a person's job

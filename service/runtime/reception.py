@@ -25,10 +25,11 @@ from service.stream.frames import Frame
 from service.stream.left_out import ANOTHERS, Missing
 from service.stream.position import Position
 from service.stream.publishers import two_publishers
-from service.stream.quality import Quality
+from service.stream.quality import RECENT, outside_windows, received_quality
 from service.stream.repeats import Repeats
 from service.stream.wire.topics import Channel
 from twin.rig import Rig
+from twin.windows import Fault
 
 
 @dataclass(slots=True)
@@ -38,7 +39,7 @@ class _Received:
     rig: Rig
     expected: tuple[str, ...]  # labels of the channels that the rig file names
     assembler: Assembler
-    counts: Quality = field(default_factory=Quality)
+    faults: list[dict[str, Any]] = field(default_factory=list)  # the newest that belong to no window
 
 
 class Reception:
@@ -93,7 +94,8 @@ class Reception:
         """Counts a frame that breaks the contract; its sequence number will be missing."""
         received = self._of(channel.asset)
         received.assembler.count(channel.label, "invalid")
-        received.counts.note("invalid", channel.label, 1, "refused", str(error))
+        fault = Fault(kind="invalid", channel=channel.label, count=1, action="refused", detail=str(error))
+        received.faults = [*received.faults, outside_windows(fault)][-RECENT:]
 
     def leave_out(self, asset: str, missing: Missing) -> None:
         """Frames of a stretch of time were left out before they came here."""
@@ -142,18 +144,10 @@ class Reception:
         """The rig that an asset's frames are held against."""
         return self._assets[asset].rig if asset in self._assets else self._rig_of(asset)
 
-    def counts(self, asset: str) -> Quality:
-        """The counts of an asset's windows, and its newest faults."""
-        return self._assets[asset].counts if asset in self._assets else Quality()
-
-    def keep_counts(self, asset: str, counts: Quality) -> None:
-        """Goes on from other counts, once they have been committed."""
-        self._of(asset).counts = counts
-
-    def quality(self, asset: str, counts: Quality | None = None) -> dict[str, Any]:
-        """The section `data_quality` as of now, or with other counts."""
+    def quality(self, asset: str) -> dict[str, Any]:
+        """What is known of an asset's frames as of now."""
         received = self._assets.get(asset) or self._new(asset)
-        return (counts or received.counts).to_dict(received.assembler.counters, received.expected)
+        return received_quality(received.assembler.counters, received.expected, received.faults)
 
     def position(self, asset: str) -> Position | None:
         """How far an asset's stream has come; None where nothing is known of it."""
@@ -174,12 +168,12 @@ class Reception:
 
     # -- changes -------------------------------------------------------------------------------------
 
-    def resume(self, asset: str, assembly: Mapping[str, Any], counts: Quality) -> None:
+    def resume(self, asset: str, assembly: Mapping[str, Any], quality: Mapping[str, Any]) -> None:
         """Goes on after the newest window of an earlier run."""
         received = self._of(asset)
         received.assembler = Assembler.from_dict(assembly, received.assembler.settings)
         received.assembler.used = self._used
-        received.counts = counts
+        received.faults = list(quality.get("faults", ()))
 
     def ignore_repeats(self, asset: str) -> None:
         """Asks no more about the frames that are left out at present."""
@@ -195,7 +189,6 @@ class Reception:
             kept = Assembler.from_dict(old.assembler.to_dict(), old.assembler.settings)
             kept.used = self._used
             new.assembler, old.assembler = old.assembler, kept
-            new.counts = Quality(found=old.counts.copy().found)
         else:
             new.assembler.leave_out_all_so_far(old.assembler, ANOTHERS)
 

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 from service.contract.base import iso_time
 from service.contract.status import with_status_since
 from service.contract.window import refused_record, slow_channels
 from service.runtime.computing import Made
-from service.runtime.lane import Entry, Lane
 from service.runtime.outcomes import Outcome
+from service.runtime.place import Place
 from service.runtime.twin_port import Events
-from service.stream.quality import Quality
 
 
-def outcome_of(
-    lane: Lane,
-    entry: Entry,
-    made: Made,
-    counts: Quality,
-    section: Callable[[Quality], Mapping[str, Any]],
-) -> Outcome:
-    """The outcome of a window; counted in `counts`, of which `section` makes the section `data_quality`."""
+def outcome_of(place: Place, made: Made) -> Outcome:
+    """The outcome of a window."""
     window = made.window
     assert window is not None
-    refused, answer, index = made.refused, made.answer, lane.index
-    report, events, grade = lane.report, Events(), "refused"
+    refused, answer, index = made.refused, made.answer, place.index
+    report, events, grade = place.report, Events(), "refused"
     if refused is not None or answer is None:
         record = refused_record(refused or "")
     else:
         record, events, grade = dict(answer.record), answer.events, window.quality
-        report = with_status_since(lane.report, answer.report, window.start_time_ns, record.get("revolutions"), index)
+        report = with_status_since(place.report, answer.report, window.start_time_ns, record.get("revolutions"), index)
+    counts = place.counts.copy()
     faults = counts.note_window(index, window, grade, made.found)
     record |= {
         "index": index,
@@ -42,22 +33,18 @@ def outcome_of(
     }
 
     return Outcome(
-        asset=lane.asset,
+        asset=place.asset,
         index=index,
         window=window,
         record=record,
-        state=lane.state if made.state is None else made.state,
+        state=place.state if made.state is None else made.state,
         report=report,
         events=(
             ("window", record),  # as it is kept, with its number and faults
             *((kind, data) for kind, data in events if kind not in ("window", "data_fault")),
             *(("data_fault", fault) for fault in faults),
         ),
-        assembly=lane.assembly,
-        quality=section(counts),
-        waited=entry.number,
-        file=entry.file,
-        before=lane.encoders.to_dict(),
-        making={**(made.encoders or lane.encoders).to_dict(), "found": counts.found},
+        before=place.encoders.to_dict(),
+        making={**(made.encoders or place.encoders).to_dict(), **counts.to_dict()},
         signals=made.signals,
     )

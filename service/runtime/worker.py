@@ -48,6 +48,7 @@ from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, Staleness
 from service.runtime.state_publication import StatePublication
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
+from service.runtime.stream_changes import StreamChanges
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin, guarded
 from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
@@ -325,12 +326,12 @@ class Worker(threading.Thread):
 
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
         jobs = kept.queue.jobs
-        changes = Changes(
-            jobs, windows, reception, lanes, store, table, publication,
-            names=kept.names, streams=streams, intake=intake, spool=spool, baselines=kept.baselines,
-            proposals=self._rigs.proposals,
+        changes = Changes(jobs, windows, store, table, names=kept.names, baselines=kept.baselines)
+        followed = StreamChanges(
+            reception, lanes, store, table, publication,
+            streams=streams, intake=intake, spool=spool, proposals=self._rigs.proposals,
         )  # fmt: skip
-        requests = JobWorker(kept.queue, lanes, {**Decisions(reception).kinds, **changes.kinds})
+        requests = JobWorker(kept.queue, lanes, {**Decisions(store).kinds, **changes.kinds}, followed)
         questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
         questions.start()
         intake.begins = questions.first_frame

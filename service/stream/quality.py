@@ -1,19 +1,21 @@
-"""Data quality of one asset: what was wrong with its stream, counted by channel and kind."""
+"""Data quality of one asset: what was wrong with its frames, by who receives them, and with its windows, by the twin's
+side; together they are the section `data_quality` of the answer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from twin.windows import Fault, Window
 
-_RECENT = 50  # faults kept in full
+RECENT = 50  # faults kept in full
 
 
 @dataclass(slots=True)
-class Quality:
-    """Counts since the asset was first seen, and the newest faults in full."""
+class Counts:
+    """Windows since the asset was first seen, and their newest faults in full."""
 
     windows: dict[str, int] = field(
         default_factory=lambda: dict.fromkeys(("good", "repaired", "degraded", "refused"), 0)
@@ -30,43 +32,60 @@ class Quality:
             kinds = self.found.setdefault(label, {})
             kinds[kind] = kinds.get(kind, 0) + number
         faults = [{"window": index, **fault_json(fault)} for fault in window.faults]
-        self.faults = [*self.faults, *faults][-_RECENT:]
+        self.faults = [*self.faults, *faults][-RECENT:]
         return faults
 
-    def note(self, kind: str, channel: str, count: int, action: str, detail: str) -> None:
-        """Keeps a fault that belongs to no window."""
-        fault = Fault(kind=kind, channel=channel, count=count, action=action, detail=detail)
-        self.faults = [*self.faults, {"window": None, **fault_json(fault)}][-_RECENT:]
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-safe data."""
+        return asdict(self)
 
-    def to_dict(self, counters: Mapping[str, Mapping[str, int]], expected: Iterable[str] = ()) -> dict[str, Any]:
-        """The section `data_quality` of the answer.
-
-        counters  what was counted of frames, by channel and kind
-        """
-        channels = {label: dict(kinds) for label, kinds in counters.items()}
-        for label, found in self.found.items():
-            kinds = channels.setdefault(label, {})
-            kinds |= {kind: kinds.get(kind, 0) + number for kind, number in found.items()}
-        return {
-            "windows": dict(self.windows),
-            "channels": dict(sorted(channels.items())),
-            "missing_channels": sorted(label for label in expected if not counters.get(label, {}).get("frames")),
-            "faults": [dict(fault) for fault in self.faults],
-        }
-
-    def copy(self) -> Quality:
+    def copy(self) -> Counts:
         """Counts of their own, equal to these."""
-        found = {label: dict(kinds) for label, kinds in self.found.items()}
-        return replace(self, windows=dict(self.windows), faults=list(self.faults), found=found)
+        return Counts(**self.to_dict())
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], found: Mapping[str, Mapping[str, int]]) -> Quality:
-        """From the section of an answer, and what was found in the making of windows."""
-        return cls(
-            windows=dict(data["windows"]),
-            faults=[dict(fault) for fault in data["faults"]],
-            found={label: dict(kinds) for label, kinds in found.items()},
-        )
+    def from_dict(cls, data: Mapping[str, Any]) -> Counts:
+        """From `to_dict`; what is absent is not counted yet."""
+        return cls(**{f.name: data[f.name] for f in fields(cls) if f.name in data})
+
+
+def received_quality(
+    counters: Mapping[str, Mapping[str, int]], expected: Iterable[str], faults: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """What is known of an asset's frames, JSON-safe.
+
+    counters  what was counted of them, by channel and kind
+    faults    that belong to no window
+    """
+    return {
+        "channels": {label: dict(kinds) for label, kinds in sorted(counters.items())},
+        "missing_channels": sorted(label for label in expected if not counters.get(label, {}).get("frames")),
+        "faults": list(faults),
+    }
+
+
+def data_quality(counts: Mapping[str, Any], received: Mapping[str, Any]) -> dict[str, Any]:
+    """The section `data_quality`: the windows, and what was counted of each channel by both sides.
+
+    counts    as `Counts.to_dict` gives them
+    received  as `received_quality` gives it
+    """
+    windows = Counts.from_dict(counts)
+    channels = {label: dict(kinds) for label, kinds in received.get("channels", {}).items()}
+    for label, found in windows.found.items():
+        kinds = channels.setdefault(label, {})
+        kinds |= {kind: kinds.get(kind, 0) + number for kind, number in found.items()}
+    return {
+        "windows": windows.windows,
+        "channels": dict(sorted(channels.items())),
+        "missing_channels": list(received.get("missing_channels", ())),
+        "faults": [*received.get("faults", ()), *windows.faults][-RECENT:],
+    }
+
+
+def outside_windows(fault: Fault) -> dict[str, Any]:
+    """A fault that belongs to no window, as JSON-safe data."""
+    return {"window": None, **fault_json(fault)}
 
 
 def fault_json(fault: Fault) -> dict[str, Any]:

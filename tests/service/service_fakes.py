@@ -26,6 +26,7 @@ from service.results.names import Names
 from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
+from service.stream.quality import received_quality
 from twin.windows import Edges, Window
 
 START_NS = 1_700_000_000_000_000_000
@@ -241,12 +242,10 @@ def traced_report(revolutions: float, windows: int) -> dict:
 FAULT = {"kind": "gap", "channel": "accel/y6", "count": 3, "action": "degraded", "detail": "frames 12 to 14"}
 
 
-def quality_of(store: SqlStore, asset: str, grade: str, index: int) -> dict:
-    """The section `data_quality` with one more window of a grade."""
-    stored = store.asset(asset).quality or {"windows": dict.fromkeys(("good", "degraded", "refused"), 0)}
-    windows = {**stored["windows"], grade: stored["windows"][grade] + 1}
-    channels = {"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}
-    return {"windows": windows, "channels": channels, "missing_channels": [], "faults": []}
+def counts_of(store: SqlStore, asset: str, grade: str) -> dict:
+    """The counts of windows with one more of a grade."""
+    stored = store.asset(asset).making or {"windows": dict.fromkeys(("good", "degraded", "refused"), 0)}
+    return {"windows": {**stored["windows"], grade: stored["windows"][grade] + 1}, "faults": [], "found": {}}
 
 
 def take(store: SqlStore, board: AssetTable | None, asset: str, index: int, revolutions: float, **changes) -> bool:
@@ -262,17 +261,20 @@ def take(store: SqlStore, board: AssetTable | None, asset: str, index: int, revo
         happened.append(("update", {"revolutions": revolutions, "k_wear_per_n": entry["k_wear_per_n"]}))
     happened += [("data_fault", fault) for fault in faults]
     start = START_NS + index * 600_000_000_000
-    quality = quality_of(store, asset, grade, index)
+    counts = counts_of(store, asset, grade)
+    quality = received_quality({"accel/y6": {"frames": 40 * (index + 1), "duplicate": index}}, (), ())
+    store.keep(asset, assembly={"closed_until_ns": start}, quality=quality)
     window = store.commit(
         asset, start, record=entry, state={"windows_seen": index + 1, "memory": {}}, report=given,
-        assembly={"closed_until_ns": start}, quality=quality, events=happened,
-        received_ns=start,
+        making=counts, events=happened, received_ns=start,
     )  # fmt: skip
     if window is None:
         return False
     if board is not None:
         last = store.last_event_id(asset)
-        board.add_window(asset, window, report=given, quality=quality, last_event_id=last, received_ns=start)
+        board.add_window(
+            asset, window, report=given, counts=counts, quality=quality, last_event_id=last, received_ns=start
+        )
     return True
 
 

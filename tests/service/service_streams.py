@@ -22,7 +22,6 @@ from service.fleet.layout import Layout, folder_of
 from service.results.data_folder import DATABASE
 from service.results.sql_store import SqlStore
 from service.runtime.demo import free_port as first_free
-from service.runtime.outcomes import Checkpoint
 from service.stream.frames import NS, EncoderFrame, SampleFrame
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
@@ -117,10 +116,13 @@ class Sink:
         self.published.append(outcome)
 
 
-def checkpoint_of(outcome) -> Checkpoint:
-    """Where an asset's windows ended with an outcome."""
-    names = ("index", "state", "report", "assembly", "quality", "making")
-    return Checkpoint(**{name: getattr(outcome, name) for name in names})
+def go_on(pipeline, last, assembly: dict) -> None:
+    """A pipeline goes on after the last outcome of another one, whose stream ended at `Assembler.to_dict()`."""
+    pipeline.resume(last.asset, assembly, {})
+    pipeline.assemblies[last.asset] = assembly
+    place = pipeline.place(last.asset)
+    place.index, place.state, place.report = last.index + 1, last.state, last.report
+    place.make_from(last.making)
 
 
 class Service:

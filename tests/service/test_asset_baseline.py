@@ -30,7 +30,6 @@ from service.results.signal_store import SignalStore
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.twin_port import gear_twin
 from service.stream.assembly import Assembler
-from service.stream.quality import Quality
 from tests.claims.test_baseline import SPEED, TEETH, machine
 from twin.baseline.validity import identity_of
 from twin.machine_change import MachineChange
@@ -66,7 +65,7 @@ def with_windows(folder, grades=SOUND):
             keep(signals, "bench", i, window)
             store.commit(
                 "bench", window.start_time_ns, record={"index": i, "quality": grade, "start_time": ""}, state={},
-                report=None, assembly={}, quality={}, received_ns=1,
+                report=None, received_ns=1,
             )  # fmt: skip
         with store.database.transaction() as db:
             db.execute(update(ASSETS).values(state=None, assembly=None))  # no twin has a state of these windows
@@ -108,8 +107,7 @@ def test_a_baseline_that_was_learned_while_gears_were_replaced_is_not_used(tmp_p
     """The wear of the new gears was compared with the old ones as the healthy state."""
     data = with_windows(tmp_path / "data")
     with Service(data).store() as store:
-        quality = Quality().to_dict({})
-        store.keep("bench", state=fake_twin.FakeState().to_dict(), assembly=Assembler().to_dict(), quality=quality)
+        store.keep("bench", state=fake_twin.FakeState().to_dict(), assembly=Assembler().to_dict())
     with serving(data, MemoryNetwork(), SqliteFile(data)) as running:
         written = baseline_learning.written
 

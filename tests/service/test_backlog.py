@@ -58,7 +58,7 @@ class Committing:
         with self.life.transaction():
             committed = self.store.commit(
                 outcome.asset, outcome.window.start_time_ns, record=outcome.record, state=outcome.state.to_dict(),
-                report=outcome.report, assembly=outcome.assembly, quality=outcome.quality, received_ns=1,
+                report=outcome.report, received_ns=1,
                 events=outcome.events,
             )  # fmt: skip
             if outcome.waited is not None:
@@ -117,7 +117,7 @@ def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_
     assert [o.index for o in p.sink.outcomes] == list(range(8)) and sum(lane.shed for lane in p.lanes.all()) == 5
     record = p.sink.outcomes[0].record
     assert "more windows of the asset waited" in record["reason"] and record["faults"][0]["kind"] == SHED
-    assert p.reception.quality("a")["windows"] == {"good": 3, "repaired": 0, "degraded": 0, "refused": 5}
+    assert p.lanes.of("a").counts.windows == {"good": 3, "repaired": 0, "degraded": 0, "refused": 5}
     assert p.store.asset("a").fault_totals[SHED, "all", "refused"] == (5, 5)
     assert not p.life.waiting("a") and not list((p.tmp_path / "waiting").glob("*.mcap"))
 

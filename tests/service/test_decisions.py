@@ -22,12 +22,9 @@ from service.cli import run
 from service.contract.estimate import Estimate
 from service.runtime.computing import Ask, Call, carry_out
 from service.runtime.decisions import decided
-from service.runtime.outcomes import Checkpoint
-from service.runtime.pipeline import Pipeline
+from service.runtime.place import Place
 from service.runtime.replay import replay
 from service.runtime.twin_port import Twin
-from service.stream.assembly import Assembler
-from service.stream.quality import Quality
 from twin.rig import Rig
 from twin.tracing.decisions import Decision
 
@@ -269,13 +266,8 @@ def test_a_decision_leaves_since_when_the_state_holds_unless_it_changes_the_leve
     before = {"status": {**fakes.status("watch", "Misalignment was found."), "since": since}}
     answer = Estimate(record={}, report={"status": {**fakes.status(level, "Wear."), "since": None}}, events=())
     twin = Twin(step=None, new_state=dict, load_state=dict, decide=lambda *given: ({}, answer))
-    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), twin, None)
-    assembly = Assembler().to_dict() | {"closed_until_ns": 60_000_000_000}
-    pipeline.lanes.restore(
-        "unsw", Checkpoint(index=4, state={}, report=before, assembly=assembly, quality=Quality().to_dict({}, ()))
-    )
-    lane = pipeline.lanes.of("unsw")
+    place = Place(asset="unsw", rig=Rig.from_mapping({}), twin=twin, state={}, report=before)
     ask = Ask("decide", Decision(name="misalignment", verb="reject"))
-    made = carry_out(Call(asset="unsw", twin=twin, rig=lane.rig, state=lane.state, ask=ask))
-    found = decided(lane, made, pipeline.ended_ns("unsw")).report["status"]["since"]
+    made = carry_out(Call(asset="unsw", twin=twin, rig=place.rig, state=place.state, ask=ask))
+    found = decided(place, made, 60_000_000_000).report["status"]["since"]
     assert found == since if kept else found == {"time": "1970-01-01T00:01:00.000000000Z", "revolutions": None}

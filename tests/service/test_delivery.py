@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import random
+from dataclasses import replace
 
 import pytest
-from service_streams import Sink
+from service_streams import Sink, go_on
 from streams import ACCEL, ASSET, bursts, content, unbroken
 
 from service.contract.position import position_of
 from service.errors import DeliveryError
 from service.runtime.delivery import ASKED_TOGETHER, Delivery, Ranges
-from service.runtime.outcomes import Checkpoint
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import HELD_BACK, MOST_BACKLOG, ClosedWindows, Positions
 from service.runtime.pump import Pump
@@ -39,11 +39,11 @@ class Stand:
         self.rng, self.loss, self.killing, self.shuffle = rng or random.Random(0), loss, kill, shuffle
         self.now, self.committed, self.answers, self.published = 100.0, [], [], []
         self.backlog, self.refused, self.kills, self.lost, self.up = 0, None, 0, 0, True
-        self.on_the_way = []
+        self.on_the_way, self.pipeline = [], None
         self.start()
 
     def start(self):
-        self.inbox = Inbox()
+        self.inbox, before = Inbox(), self.pipeline
         self.pipeline = Pipeline(
             lambda asset: Rig.from_mapping({}),
             TWIN,
@@ -53,10 +53,8 @@ class Stand:
         self.pipeline.refusal = lambda stream: self.refused
         if self.committed:
             last = self.committed[-1]
-            self.pipeline.lanes.restore(ASSET, Checkpoint(
-                index=last.index, state=last.state, report=None, assembly=json.loads(json.dumps(last.assembly)),
-                quality=last.quality, making=json.loads(json.dumps(last.making)),
-            ))  # fmt: skip
+            assembly, making = json.loads(json.dumps([before.assemblies[ASSET], last.making]))
+            go_on(self.pipeline, replace(last, making=making), assembly)
         self.positions = Positions(
             self.inbox,
             self,

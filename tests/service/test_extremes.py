@@ -16,7 +16,7 @@ from service.results.schema import EXTREMES
 
 COUNT = 1500
 HOUR_NS = DAY_NS // 24
-EMPTY = {"state": {}, "report": {}, "assembly": {}, "quality": {}}
+EMPTY = {"state": {}, "report": {}}
 
 
 def record(index, rms, kurtosis=3.0, quality="good"):

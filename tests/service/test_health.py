@@ -125,7 +125,7 @@ def outcome(index, found, quality="good"):
     report = report_of(found)
     return Outcome(
         asset="unsw", index=index, window=window, record=record, state=SimpleNamespace(to_dict=dict),
-        report=report, events=(("window", record),), assembly={}, quality={"windows": {}},
+        report=report, events=(("window", record),), 
     )  # fmt: skip
 
 

@@ -21,7 +21,9 @@ from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 from service.results.window_jobs import WindowJobs
-from service.runtime.pipeline import Pipeline
+from service.runtime.computing import Inline
+from service.runtime.lanes import Lanes
+from service.runtime.reception import Reception
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Twin
@@ -135,13 +137,19 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
     event.listen(Engine, "before_cursor_execute", count)
     try:
         again = fakes.WrittenTable(store, alarms)
-        pipeline = Pipeline(lambda asset: Rig.from_mapping({}), Twin(step=None, new_state=dict, load_state=dict), None)
-        restore(pipeline.lanes, store, known={s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()})
+        lanes = lanes_of(lambda asset: Rig.from_mapping({}))
+        restore(lanes, store, known={s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()})
     finally:
         event.remove(Engine, "before_cursor_execute", count)
     assert len(read) <= 3 and read[0] == TAIL and all(count <= POINTS + 1 for count in read[1:])
     assert again.get("unsw") == long.get("unsw")
-    assert pipeline.quality("unsw")["windows"]["good"] == LONG
+    assert lanes.of("unsw").counts.windows["good"] == LONG
+
+
+def lanes_of(rig_of):
+    """The lanes of a service that begins."""
+    twin = Twin(step=None, new_state=dict, load_state=dict)
+    return Lanes(Reception(rig_of, None), None, Inline(), twin_of=lambda asset, rig: twin, new_state=dict)
 
 
 def statements_of_a_start(folder, assets):
@@ -153,7 +161,7 @@ def statements_of_a_start(folder, assets):
 
     with SqlStore(folder / f"{assets}.sqlite") as store:
         for n in range(assets):
-            store.keep(f"machine-{n}", rig={"name": "a"}, assembly=ASSEMBLY, quality={"windows": {}, "faults": []})
+            store.keep(f"machine-{n}", rig={"name": "a"}, assembly=ASSEMBLY, quality={})
         event.listen(Engine, "before_cursor_execute", count)
         try:
             known = {stored.asset: stored for stored in store.all_assets()}
@@ -161,13 +169,12 @@ def statements_of_a_start(folder, assets):
             board.load(known.values())
             rigs = Rigs(store, board, GivenRigs())
             rig_of = partial(rigs.of, offered=None)
-            twin = Twin(step=None, new_state=dict, load_state=dict)
-            pipeline = Pipeline(lambda asset: rig_of(asset, stored=known.get(asset)), twin, None)
-            restore(pipeline.lanes, store, WindowJobs(store.database, folder / "waiting"), known)
+            lanes = lanes_of(lambda asset: rig_of(asset, stored=known.get(asset)))
+            restore(lanes, store, WindowJobs(store.database, folder / "waiting"), known)
         finally:
             event.remove(Engine, "before_cursor_execute", count)
         assert all(board.get(f"machine-{n}").rig == {"name": "a"} for n in range(assets))
-        assert len(pipeline.lanes.all()) == assets
+        assert len(lanes.all()) == assets
     return sum("FROM windows" not in sql.split("WHERE")[0] for sql in made)
 
 

@@ -32,8 +32,7 @@ def kept(machine, store, board):
     rig, window, state, estimate = machine
     record = {**estimate.record, "index": 0, "start_time": iso_time(window.start_time_ns), "quality": "good"}
     stored = store.commit(
-        ASSET, window.start_time_ns, record=record, state=state.to_dict(), report=estimate.report, assembly={},
-        quality={}, received_ns=1,
+        ASSET, window.start_time_ns, record=record, state=state.to_dict(), report=estimate.report, received_ns=1,
     )  # fmt: skip
     board.update(ASSET, rig=dict(rig.values))
     board.add_window(ASSET, stored, report=estimate.report, quality={}, last_event_id=0, received_ns=1)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from service_streams import Sink, checkpoint_of
+from service_streams import Sink, go_on
 from streams import ACCEL, ASSET, CHANNELS, TORQUE, bursts
 
 from service.contract.answer import assemble
@@ -122,7 +122,7 @@ def test_what_the_twin_cannot_put_in_figures_reaches_store_and_board_as_null():
     assert outcome.record["error_percent"] is None
     assert outcome.report == {"rul": {"hours": {"p95": None}}, "profile": [1.0, None]}
     assert outcome.events[1] == ("rul", {"hours": None})
-    json.dumps([outcome.record, outcome.report, outcome.events, outcome.assembly, outcome.quality], allow_nan=False)
+    json.dumps([outcome.record, outcome.report, outcome.events, outcome.making], allow_nan=False)
 
 
 def test_two_assets_go_their_own_ways():
@@ -139,11 +139,11 @@ def test_two_assets_go_their_own_ways():
 def test_a_run_goes_on_from_its_checkpoint_as_if_never_stopped():
     frames = [f for f in bursts(8) if not (f.channel == ACCEL and f.sequence == 9)]
     whole, whole_pipeline = run(frames, Count())
-    first, _ = run(frames[:130], Count(), flush=False)
+    first, stopped = run(frames[:130], Count(), flush=False)
     last = first[-1]
     outcomes = list(first)
     second = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Sink(outcomes))
-    second.lanes.restore(ASSET, checkpoint_of(last))
+    go_on(second, last, stopped.assemblies[ASSET])
     for frame in frames:
         second.feed(frame)
     second.flush()

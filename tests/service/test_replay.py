@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 import pytest
 from fake_twin import JOINED
-from service_streams import Sink, checkpoint_of, free_port
+from service_streams import Sink, free_port, go_on
 from streams import ASSET, bursts, content
 
 from service.errors import DeliveryError, InputError
@@ -124,12 +124,13 @@ def test_a_stream_gives_the_windows_of_the_file(recording, endpoint, speed, dist
 def test_a_receiver_that_goes_away_and_comes_back_misses_nothing(recording, endpoint):
     outcomes, sent = [], []
     sender = threading.Thread(target=lambda: sent.append(replay(recording, [endpoint], 20.0, max_pause=1.0)))
-    with receiving(endpoint, make_pipeline(outcomes)):
+    first = make_pipeline(outcomes)
+    with receiving(endpoint, first):
         sender.start()
         until(lambda: len(outcomes) >= 3)
     last = outcomes[-1]
     pipeline = make_pipeline(outcomes)
-    pipeline.lanes.restore(ASSET, checkpoint_of(last))
+    go_on(pipeline, last, first.assemblies[ASSET])
     with receiving(endpoint, pipeline):
         sender.join()
         until(lambda: len(outcomes) >= 8)

@@ -25,7 +25,7 @@ NOTABLE = UPDATED, FOUND, REFUSED, ALARM = 203, 211, 217, 229  # between 2 and 1
 
 def commit(store, index, asset="unsw", **record):
     events = [("window", {"index": index})] + ([("effect", {"name": "tooth_crack"})] if index == FOUND else [])
-    given = {"state": {"n": index}, "report": {"n": index}, "assembly": {}, "quality": {}, "received_ns": 1}
+    given = {"state": {"n": index}, "report": {"n": index}, "received_ns": 1}
     whole = {"index": index, "start_time": f"hour {index}", **record}
     assert store.commit(asset, index * HOUR_NS, record=whole, events=events, **given)
 
@@ -179,7 +179,7 @@ def test_nothing_is_deleted_of_a_machine_that_stands_still(long):
 def commit_days(store, *days, first=0):
     """One window a day, at these days."""
     for index, day in enumerate(days, first):
-        given = {"state": {}, "report": {}, "assembly": {}, "quality": {}, "received_ns": 1}
+        given = {"state": {}, "report": {}, "received_ns": 1}
         assert store.commit("unsw", int(day * DAY_NS), record={"index": index}, **given)
 
 

@@ -47,7 +47,7 @@ def window(number: int = 0, samples: int = 4000, **changes) -> Window:
 def outcome(number: int, **changes) -> Outcome:
     given = {
         "asset": "unsw", "index": number, "window": window(number), "record": {"revolutions": 100.0 * number},
-        "state": None, "report": None, "events": (), "assembly": {}, "quality": {},
+        "state": None, "report": None, "events": (),
     }  # fmt: skip
     return Outcome(**given | changes)
 
@@ -76,7 +76,7 @@ def test_a_kept_window_is_made_again_with_what_its_making_took_from_the_window_b
     for asset, counted in (("unsw", 640), ("fallen", 700)):
         keep(signals, asset, 0, given)
         store.commit(
-            asset, given.start_time_ns, record={"index": 0}, state={}, report=None, assembly={}, quality={},
+            asset, given.start_time_ns, record={"index": 0}, state={}, report=None, 
             received_ns=1, before={"edges_counted": {"encoder/pinion": counted}},
         )  # fmt: skip
     rig = Rig.from_mapping({})

@@ -294,7 +294,7 @@ def test_condition_indicators_of_each_gear_are_quantities(client, store, board):
         "mesh_bands": [1.0, 2.0], "temperatures": {"oil": {"value": 61.0, "unit": "°C", "values": 3, "age_s": 0.1}},
     }  # fmt: skip
     store.commit(
-        "unsw", fakes.START_NS + 10**15, record=entry, state={}, report=fakes.report(1, 1), assembly={}, quality={},
+        "unsw", fakes.START_NS + 10**15, record=entry, state={}, report=fakes.report(1, 1), 
         received_ns=1,
     )  # fmt: skip
     by_name = {q["name"]: q for q in client.get("/v1/assets/unsw/indicators").json()["quantities"]}

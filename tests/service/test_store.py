@@ -35,7 +35,7 @@ def test_committed_window_is_read_back_whole(store):
     assert asset.report == fakes.report(1500.0, 1)
     assert asset.state == {"windows_seen": 1, "memory": {}}
     assert asset.assembly == {"closed_until_ns": fakes.START_NS}
-    assert asset.quality["windows"] == {"good": 0, "degraded": 1, "refused": 0}
+    assert asset.making["windows"] == {"good": 0, "degraded": 1, "refused": 0}
     assert [e.kind for e in store.events("unsw", 0)] == ["window", "rul", "data_fault"]
 
 
@@ -47,7 +47,7 @@ def test_window_committed_twice_counts_once_and_changes_nothing(store):
 
 
 def commit(store, start_ns, record, **changes):
-    given = {"state": {}, "report": {}, "assembly": {}, "quality": {}, "received_ns": start_ns, **changes}
+    given = {"state": {}, "report": {}, "received_ns": start_ns, **changes}
     return store.commit("unsw", start_ns, record=record, **given)
 
 

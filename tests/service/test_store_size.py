@@ -17,7 +17,7 @@ from service.results.store_size import forecast, window_bytes
 
 def fill(store, assets, windows, body, spacing_ns=DAY_NS // 24):
     """Windows whose records are about as large as `body`, compressed."""
-    given = {"state": {"memory": random.Random(1).randbytes(9000).hex()}, "report": {}, "quality": {}, "received_ns": 1}
+    given = {"state": {"memory": random.Random(1).randbytes(9000).hex()}, "report": {}, "received_ns": 1}
     draw = random.Random(2)
     with store.database.transaction():
         for index in range(windows):
@@ -25,7 +25,7 @@ def fill(store, assets, windows, body, spacing_ns=DAY_NS // 24):
                 own = {"rms_measured": draw.random(), "values": draw.randbytes(body).hex()}
                 record = {"index": index, "updated": index % 50 == 0, **own}
                 events = [("window", record)] + ([("update", {"index": index})] if record["updated"] else [])
-                assert store.commit(asset, index * spacing_ns, record=record, assembly={}, events=events, **given)
+                assert store.commit(asset, index * spacing_ns, record=record, events=events, **given)
 
 
 @pytest.mark.slow

@@ -9,12 +9,13 @@ import pytest
 from segments import segment_of
 from service_streams import RIG, Sink
 
+from service.runtime.computing import Inline
 from service.runtime.lane import Entry
-from service.runtime.pipeline import Pipeline
+from service.runtime.lanes import Lanes
+from service.runtime.reception import Reception
 from service.runtime.rigs import GivenRigs, Rigs, rig_change
 from service.runtime.twin_port import gear_twin
 from service.runtime.worker import restore
-from service.stream.assembly import Assembler
 from tests.stored_states import stored_state
 from twin.options import Options
 from twin.rig import Rig
@@ -32,21 +33,16 @@ from twin.windows import Window
 def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(store, harm, cure, caplog):
     outcomes = []
     for asset, state in (("bench", harm), ("unsw-rig", stored_state("unsw-rig").to_dict())):
-        given = {
-            "report": {},
-            "assembly": Assembler().to_dict(),
-            "quality": {"windows": {}, "faults": []},
-            "received_ns": 1,
-        }
-        store.commit(asset, 1, record={"index": 0}, state=state, **given)
-    pipeline = Pipeline(lambda asset: Rig.from_mapping({}), gear_twin(Options(trace=False)), Sink(outcomes))
-    restore(pipeline.lanes, store)
+        store.commit(asset, 1, record={"index": 0}, state=state, report={}, received_ns=1)
+    twin, reception = gear_twin(Options(trace=False)), Reception(lambda asset: Rig.from_mapping({}), None)
+    lanes = Lanes(reception, Sink(outcomes), Inline(), twin_of=lambda asset, rig: twin, new_state=twin.new_state)
+    restore(lanes, store)
     for asset in ("bench", "unsw-rig"):
         entry = Entry(start_ns=0, segment=segment_of(Window(start_time_ns=0)))
-        pipeline.lanes.put(asset, entry, store.asset(asset).assembly)
+        lanes.put(asset, entry, {})
     (said,) = [r.message for r in caplog.records]
     assert "stored state of bench cannot be read" in said and said.endswith(cure)
-    assert [o.asset for o in outcomes] == ["unsw-rig"] and pipeline.lanes.backlog("bench") == 1
+    assert [o.asset for o in outcomes] == ["unsw-rig"] and lanes.backlog("bench") == 1
 
 
 # -- rig files -----------------------------------------------------------------------------------------
@@ -70,7 +66,7 @@ def learned(store):
     """An asset whose state was learned with the reference rig."""
     store.keep_rig("unsw", GIVEN)
     store.commit(
-        "unsw", 1, record={"index": 0}, state={"n": 1}, report={}, assembly={}, quality={}, received_ns=1
+        "unsw", 1, record={"index": 0}, state={"n": 1}, report={}, received_ns=1
     )  # fmt: skip
     return store
 

@@ -32,7 +32,7 @@ def assess_into(store, board):
     state, estimate = step(rig, state, windows[-1], Options(trace=False))
     store.commit(
         ASSET, windows[-1].start_time_ns, record=estimate.record, state=state.to_dict(), report=estimate.report,
-        assembly={}, quality={}, received_ns=1,
+        received_ns=1,
     )  # fmt: skip
     board.update(ASSET, rig=dict(rig.values), report=estimate.report)
 

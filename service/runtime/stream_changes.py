@@ -1,0 +1,75 @@
+"""What a change of an asset means for who receives its frames: carried out once the change has been committed.
+
+All of it follows from the rows: a start that comes in between finds streams, rig file and place as they are.
+"""
+
+from __future__ import annotations
+
+from service.results.asset_table import AssetTable
+from service.results.jobs import Job
+from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
+from service.results.sql_store import SqlStore
+from service.runtime.intake import Intake
+from service.runtime.lanes import Lanes
+from service.runtime.questions import GEARS_DIFFER, REPEATED
+from service.runtime.reception import Reception
+from service.runtime.spool import Spool
+from service.runtime.state_publication import StatePublication
+from service.runtime.streams import Streams
+
+BASELINES = ("baseline_given", "baseline_removed")
+
+
+class StreamChanges:
+    """Called with each job that has been carried out, with its outcome."""
+
+    def __init__(
+        self,
+        reception: Reception,
+        lanes: Lanes,
+        store: SqlStore,
+        table: AssetTable,
+        publication: StatePublication,
+        *,
+        streams: Streams,
+        intake: Intake,
+        spool: Spool,
+        proposals: RigProposals,
+    ) -> None:
+        self._reception, self._lanes, self._store, self._table = reception, lanes, store, table
+        self._publication, self._streams, self._intake, self._spool = publication, streams, intake, spool
+        self._proposals = proposals
+
+    def __call__(self, job: Job) -> None:
+        """Follows a job."""
+        outcome = job.outcome or {}
+        if job.kind == "other_machine":
+            self._give(job.asset, outcome["asset"])
+        elif job.kind == "renamed":
+            self._streams.reload()
+        elif job.kind == "ignore" and outcome["question"] == REPEATED:
+            self._reception.ignore_repeats(job.asset)
+        elif job.kind in BASELINES:
+            self._lanes.reopen(job.asset)
+        elif job.kind in ("gears_replaced", ACCEPTED) and outcome.get("question") != GEARS_DIFFER:
+            self._reception.reopen(job.asset)
+            self._lanes.reopen(job.asset)
+        if job.kind == ACCEPTED:
+            self._proposals.drop(job.asset, job.given["digest"])
+        elif job.kind == REJECTED:
+            self._proposals.reject(job.asset, job.given["digest"])
+
+    def _give(self, asset: str, name: str) -> None:
+        """The stream is another machine's from now on; one that repeats times that have passed begins anew."""
+        fresh = self._store.shown_asset(name).assembly is None
+        self._streams.reload()
+        self._lanes.of(name)
+        if fresh:
+            self._reception.flush(asset)
+        else:
+            self._spool.give(asset, name)
+        self._reception.split(asset, name, fresh=fresh)
+        self._intake.know(name)
+        self._table.renewed(name)
+        self._publication.publish(name)
+        self._lanes.give(asset, name, fresh=fresh)
