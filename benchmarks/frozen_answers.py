@@ -161,9 +161,6 @@ def served(folder: Path, recordings: Sequence[Path], scratch: Path) -> None:
             end = time.monotonic() + PATIENCE
             while service.windows().get(path.stem, 0) < windows and time.monotonic() < end:
                 time.sleep(0.2)
-            kept = None
-            while kept != (kept := service.get(f"/v1/assets/{path.stem}/signals")):  # some time after their windows
-                time.sleep(1.0)
             told(folder, service, schema["paths"], path.stem)
             name = NAMES.get(path.stem, (path.stem,))[-1]  # out of use before it is silent for so long that it is stale
             asked(service, "POST", f"/v1/assets/{name}/changes", {"kind": "retired", **BY})

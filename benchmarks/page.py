@@ -33,8 +33,9 @@ from service.api import create_app
 from service.contract.base import iso_time
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
+from service.results.kept_signals import KeptSignals
+from service.results.schema import WINDOWS
 from service.results.segment_file import write_segment
-from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 from service.stream.frames import SampleFrame
 from service.stream.pieces import Piece
@@ -109,7 +110,7 @@ def fill(store: SqlStore, assets: int, windows: int) -> None:
                 add(store, name, index, windows)
 
 
-def keep_signals(kept: SignalStore, asset: str, windows: int) -> None:
+def keep_signals(store: SqlStore, folder: Path, asset: str, windows: int) -> None:
     """The raw signals of the last windows of a machine: mesh lines and noise."""
     t, random = np.arange(int(RATE * SECONDS)) / RATE, np.random.default_rng(1)
     mesh = sum(np.cos(2 * np.pi * 285 * k * t + k) / k for k in range(1, 12))
@@ -121,13 +122,15 @@ def keep_signals(kept: SignalStore, asset: str, windows: int) -> None:
             sample_rate=RATE,
             values=(mesh + 0.1 * random.standard_normal(t.size)).astype(np.float32),
         )
-        span, file = Span(frame.start_time_ns, frame.end_time_ns), kept.folder / "new.mcap"
-        write_segment(file, Segment(span=span, pieces={"accel/y6": [Piece(frame, 0, t.size)]}))
-        kept.keep(asset, index, file, frame.start_time_ns, revolutions=600.0 * index)
+        span, file = Span(frame.start_time_ns, frame.end_time_ns), folder / f"{index}.mcap"
+        size = write_segment(file, Segment(span=span, pieces={"accel/y6": [Piece(frame, 0, t.size)]}))
+        row = WINDOWS.update().where(WINDOWS.c.asset == asset, WINDOWS.c.number == index)
+        with store.database.transaction() as db:
+            db.execute(row.values(segment=file.name, segment_bytes=size))
 
 
 @contextmanager
-def serving(board: AssetTable, store: SqlStore, signals: SignalStore) -> Iterator[str]:
+def serving(board: AssetTable, store: SqlStore, signals: KeptSignals) -> Iterator[str]:
     """The service's HTTP side; yields its address."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
@@ -223,12 +226,13 @@ def main() -> None:
     chosen = parser.parse_args()
     with TemporaryDirectory() as folder, SqlStore(Path(folder) / "page.sqlite") as store:
         fill(store, chosen.assets, chosen.windows)
-        kept = SignalStore(Path(folder) / "signals", 2**30)
-        keep_signals(kept, "gearbox-00", chosen.windows)
+        segments = Path(folder) / "segments"
+        segments.mkdir()
+        keep_signals(store, segments, "gearbox-00", chosen.windows)
         table = AssetTable(store, AlarmKeeper(AlarmStore(store.database)), most=None)
         table.load(store.all_assets())
         table.write_noted()
-        with serving(table, store, kept) as address:
+        with serving(table, store, KeptSignals(store.database, lambda asset: segments)) as address:
             for figure in measure(address, table, store, chosen.windows):
                 print(figure.line)
 

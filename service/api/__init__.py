@@ -33,8 +33,8 @@ from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
+from service.results.kept_signals import KeptSignals
 from service.results.names import Names
-from service.results.signal_reading import KeptSignals
 from service.results.sql_store import SqlStore
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ the worker of the asset's partition.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -29,10 +29,10 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.audit_log import AuditLog
 from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, SIGNALS
+from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
-from service.results.signal_reading import KeptFile, KeptSignals, folder_in, found_in
+from service.results.kept_signals import KeptSignals
 from service.results.sql_store import SqlStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
@@ -117,7 +117,7 @@ def serve_front(
             own.queue,
             not_ready=own.watch.not_ready,
             figures=figures_of(own.watch.figures, front.figures),
-            signals=_Signals(folder),
+            signals=KeptSignals(own.store.database, lambda asset: folder(asset) / SEGMENTS),
             alarms=own.alarms,
             baselines=lambda asset: BaselineStore(own.store.database, folder(asset) / BASELINES, clears=False),
             access=access,
@@ -163,14 +163,3 @@ class FrontAudit(AuditLog):
         with self.transaction() as db:
             db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({AUDIT_LOCK})")
             return super().enter(*given, **named)
-
-
-class _Signals(KeptSignals):
-    """Raw windows that the workers keep, read from their folders each time, as far as this front end sees them."""
-
-    def __init__(self, folder: Callable[[str], Path]) -> None:
-        """folder  of the worker of an asset"""
-        self._folder = folder
-
-    def files(self, asset: str) -> Mapping[int, KeptFile]:
-        return found_in(folder_in(self._folder(asset) / SIGNALS, asset))

@@ -26,6 +26,7 @@ from service.fleet.searches import Searches, Submit
 from service.operation.health import FLEET, Health, Late
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
+from service.results.data_folder import SEGMENTS
 from service.results.sql_store import SqlStore
 from service.results.storage_faults import is_away
 from service.runtime.all_figures import database_figures, figures_of
@@ -36,7 +37,6 @@ from service.runtime.computing_here import computing_here
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs
-from service.runtime.signal_writer import SignalWriter
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
 from service.runtime.worker import Worker
@@ -110,16 +110,15 @@ def serve_partition(
         store, kept = begun.store, begun.kept
         timing, health = Timing(), Health(own.loop_limit)
         store.database.took = timing.stored
-        writer = SignalWriter(begun.signals)
         raw = stack.enter_context(recording_raw(own, begun.table, health, prefix=settings.prefix))
         curves = CurveWriter(database)
         computing_of = partial(_computing_of, StoredCurves(database), curves, submit)
         transport = open_transport or zenoh_of(own)
-        worker = Worker(own, kept, begun.rigs, twin, transport, writer, health, raw, computing_of)
+        worker = Worker(own, kept, begun.rigs, twin, transport, health, raw, computing_of)
         sent = stack.enter_context(sending_traces(own.otlp))
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)
-        retention = RetentionJob(store, retention_of(own))
+        retention = RetentionJob(store, retention_of(own), own.data / SEGMENTS)
         figures = figures_of(
             *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
         )
@@ -141,7 +140,7 @@ def serve_partition(
         try:
             stop.wait()
         finally:
-            for ended in (*parts, writer):
+            for ended in parts:
                 ended.end()
         if worker.failure is not None:
             raise worker.failure

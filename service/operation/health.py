@@ -21,7 +21,6 @@ READY = 10.0  # time without a turn after which a loop that still may go on take
 HTTP = "HTTP"
 RECEPTION = "reception and storage"
 WORKERS = "supervision of the worker processes"
-SIGNALS = "raw signals"
 RAW_RECORDINGS = "raw recordings"
 WEBHOOKS = "webhooks"
 RETENTION = "retention"
@@ -31,7 +30,6 @@ LOOPS = {
     HTTP: "answers requests, and tells systemd that the service is alive",
     RECEPTION: "assembles frames to windows, makes them durable, commits and publishes results",
     WORKERS: "hands windows to worker processes and replaces those that end; a part of the loop above",
-    SIGNALS: "the thread that keeps raw windows for viewing",
     RAW_RECORDINGS: "the thread that keeps all frames as MCAP recordings, where a folder is set",
     WEBHOOKS: "the thread that sends messages about alarms",
     RETENTION: "the thread that deletes what is older than it is kept",

@@ -350,12 +350,6 @@ OF_STORAGE = (
     ),
     _times("store_read_seconds", "queries of the database"),
     _counter("old_rows_deleted", "rows that were deleted because they are older than they are kept"),
-    _gauge("signal_windows_waiting", "raw windows that wait to be kept for viewing"),
-    _counter(
-        "signal_windows_left_out",
-        "raw windows that are not kept because the disk is too slow or full",
-        "Free space; results do not depend on it.",
-    ),
 )
 
 OF_HTTP = (

@@ -2,7 +2,7 @@
 
     manifest.json       what it is, and size and SHA-256 of every file
     database.sqlite     all tables as of one moment, whichever kind of database they are of
-    waiting/, baselines/, signals/      files of the data directory; raw signals where they are asked for
+    segments/, baselines/               files of the data directory; raw signals where they are asked for
 
 It is made while the service runs. Restoring verifies the whole archive before anything is changed, and never writes
 over anything; the target may be of the other kind.
@@ -29,7 +29,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from service import __version__
 from service.errors import InputError, StoreError
 from service.results.backends import Backend, SqliteFile, backend_of
-from service.results.data_folder import BASELINES, DATABASE, SIGNALS, WAITING
+from service.results.data_folder import BASELINES, DATABASE, SEGMENTS
 from service.results.migrate import present, upgrade
 from service.results.schema import REVISION
 from service.results.storage_faults import storage_error
@@ -88,7 +88,7 @@ def restore(archive: Path, data: Path, where: Path | str) -> Backup:
             upgrade(SqliteFile(held / COPY))
         except StoreError as error:
             raise StoreError(str(error).replace(str(held / COPY), f"the database of {archive}")) from error
-        for name in (WAITING, BASELINES, SIGNALS):
+        for name in (SEGMENTS, BASELINES):
             if (held / name).exists():
                 (held / name).replace(data / name)
         if isinstance(backend, SqliteFile):
@@ -105,18 +105,19 @@ def restore(archive: Path, data: Path, where: Path | str) -> Backup:
 def _snapshot(data: Path, backend: Backend, held: Path, signals: bool) -> None:
     """Files and database as of one moment: a file that is deleted meanwhile stays here, by a link."""
     for _ in range(TRIES):
-        _link(data, held, WAITING, BASELINES)
+        _link(data, held, SEGMENTS, BASELINES)
         (held / COPY).unlink(missing_ok=True)
         _copy_database(backend, held / COPY)
-        _link(data, held, WAITING, BASELINES)
-        missing = _missing(held, data)
+        _link(data, held, SEGMENTS, BASELINES)
+        named = _named(held / COPY, signals)
+        missing = [data / place for place in named if named[place] and not (held / place).exists()]
         if not missing:
             break
     else:
         raise StoreError(f"{missing[0]} is named by the database and is not there: `gear-twin check` says what to do")
-    _drop_unnamed(held)
-    if signals:
-        _link(data, held, SIGNALS)
+    for path in (held / SEGMENTS).glob("*"):
+        if path.relative_to(held) not in named:
+            path.unlink()  # of windows that are no part of this moment, or of raw signals that are not asked for
 
 
 def _copy_database(backend: Backend, copy: Path) -> None:
@@ -155,27 +156,18 @@ def _link(data: Path, held: Path, *folders: str) -> None:
                     continue
 
 
-def _named(copy: Path) -> dict[str, list[str]]:
-    """The files that a database refers to, by folder."""
-    with closing(sqlite3.connect(copy)) as db:
-        tables = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        windows = db.execute("SELECT file FROM jobs WHERE kind = 'window'") if "jobs" in tables else ()
-        waiting = [name for (name,) in windows]
-        own = [name for (name,) in db.execute("SELECT file FROM baselines")] if "baselines" in tables else []
-    return {WAITING: waiting, BASELINES: own}
-
-
-def _missing(held: Path, data: Path) -> list[Path]:
-    named = _named(held / COPY)
-    return [data / name / file for name, files in named.items() for file in files if not (held / name / file).exists()]
-
-
-def _drop_unnamed(held: Path) -> None:
-    """Files of windows that are processed by now, or came later, are no part of this moment."""
-    named = set(_named(held / COPY)[WAITING])
-    for path in (held / WAITING).glob("*"):
-        if path.name not in named:
-            path.unlink()
+def _named(copy: Path, signals: bool) -> dict[Path, bool]:
+    """The files that a database names, and whether it cannot do without each; no raw signals where they are no part."""
+    with closing(sqlite3.connect(copy)) as db, db:
+        if not signals:
+            db.execute("UPDATE windows SET segment = NULL WHERE segment IS NOT NULL")
+        kept = db.execute("SELECT segment FROM windows WHERE segment IS NOT NULL").fetchall()
+        waiting = db.execute("SELECT file FROM jobs WHERE kind = 'window'").fetchall()
+        own = db.execute("SELECT file FROM baselines").fetchall()
+    named = {Path(SEGMENTS, name): False for (name,) in kept}
+    return named | {
+        Path(folder, name): True for folder, rows in ((SEGMENTS, waiting), (BASELINES, own)) for (name,) in rows
+    }
 
 
 def _packed(held: Path, archive: Path) -> Backup:
@@ -212,7 +204,7 @@ def _sha256(path: Path) -> str:
 def _demand_empty(data: Path, backend: Backend) -> None:
     """InputError where something would be written over."""
     data.mkdir(parents=True, exist_ok=True)
-    for name in (DATABASE, WAITING, BASELINES, SIGNALS):
+    for name in (DATABASE, SEGMENTS, BASELINES):
         path = data / name
         if path.is_file() or (path.is_dir() and any(path.iterdir())):
             raise InputError(f"{path} is there already: a backup is restored into an empty data directory")
@@ -254,7 +246,7 @@ def _unpacked(archive: Path, held: Path) -> dict[str, Any]:
 
 
 def _is_ours(name: str) -> bool:
-    return name == COPY or name.split("/")[0] in (WAITING, BASELINES, SIGNALS)
+    return name == COPY or name.split("/")[0] in (SEGMENTS, BASELINES)
 
 
 def _demand_sound(copy: Path, of: Path) -> None:

@@ -9,8 +9,8 @@ from service.errors import InputError, NotKept
 from service.files.baseline import learned_from, read_baseline, save
 from service.files.rig import checked_rig
 from service.results.jobs import Jobs
+from service.results.kept_signals import KeptSignals
 from service.results.present_machine import demand_present
-from service.results.signal_reading import KeptSignals
 from service.results.sql_store import SqlStore
 from twin.baseline.learned import Baseline
 from twin.baseline.validity import identity_of
@@ -46,7 +46,7 @@ def learn_from_windows(
                 f"window {index} is {found.record.get('quality')}: a baseline is learned from sound windows"
             )
         try:
-            windows.append((f"{asset}#{index}", signals.window(asset, index, machine, store)))
+            windows.append((f"{asset}#{index}", signals.window(asset, index, machine)))
         except NotKept as error:
             raise InputError(str(error)) from None
     return learned_from(machine, windows, earlier)

@@ -13,8 +13,7 @@ from pydantic import SecretStr
 from service.errors import InputError
 
 DATABASE = "gear-twin.sqlite"
-SIGNALS = "signals"
-WAITING = "waiting"
+SEGMENTS = "segments"  # of windows that wait, and of those whose signals are kept
 BASELINES = "baselines"
 
 

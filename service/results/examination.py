@@ -12,7 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import DamageError
 from service.results.backends import backend_of
-from service.results.data_folder import BASELINES, WAITING
+from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.jobs import WINDOW
 from service.results.json_columns import load, seal
 from service.results.migrate import present
@@ -22,6 +22,7 @@ from service.results.segment_file import read_segment
 
 RESTORE = "restore the latest backup into an empty directory (`gear-twin restore`)"
 MOST_SAID = 100  # findings of one kind
+_SEGMENTS = sa.select(WINDOWS.c.segment).where(WINDOWS.c.segment.is_not(None))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +113,7 @@ def _of_files(db: Connection, data: Path) -> Iterator[Finding]:
             yield Finding(what=f"the baseline {data / BASELINES / file} is not there", action=RESTORE)
     waiting = sa.select(JOBS.c.id, JOBS.c.asset, JOBS.c.file).where(JOBS.c.kind == WINDOW)
     for number, asset, file in db.execute(waiting).all():
-        path = data / WAITING / file
+        path = data / SEGMENTS / file
         try:
             read_segment(path)
         except FileNotFoundError:
@@ -123,3 +124,8 @@ def _of_files(db: Connection, data: Path) -> Iterator[Finding]:
         except (OSError, ValueError) as error:
             action = "nothing: the service refuses this window and counts it"
             yield Finding(what=f"{path}, a window of {asset} that waits, cannot be read: {error}", action=action)
+    for file in db.execute(_SEGMENTS).scalars().all():
+        path = data / SEGMENTS / file
+        if not path.is_file() and db.execute(_SEGMENTS.where(WINDOWS.c.segment == file)).first() is not None:
+            action = "nothing, if it can be done without: the views of its window say that it has been deleted"
+            yield Finding(what=f"the raw signals {path} are not there", action=action)

@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from service.errors import InputError
-from service.results.signal_reading import folder_in
+from service.results.asset_folders import folder_in
 from service.stream.frames import NS, Frame
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
@@ -169,7 +169,7 @@ class RawRecordings:
         while len(self._writing) >= MOST_OPEN:
             self._finish(next(iter(self._writing)))
         self._demand_room()
-        folder = folder_in(self.folder, asset, make=True)
+        folder = folder_in(self.folder, asset)
         moment = datetime.fromtimestamp(start_ns // NS, UTC).strftime("%Y%m%dT%H%M%S")
         stem = f"{asset}_{moment}.{start_ns % NS // 10**6:03d}Z"
         path, number = folder / f"{stem}{SUFFIX}", 1

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.errors import InputError, StoreError
+from service.results.asset_folders import folder_of
 from service.results.asset_list import area_of
 from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawRecordings, recordings_in
 from service.results.scratch import scratch
-from service.results.signal_reading import folder_of
 from service.results.stored_recordings import moment_of
 from service.settings import HOUR, Settings
 from service.stream.sources.mcap import Recording

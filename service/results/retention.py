@@ -6,8 +6,9 @@ before it are and one that is not before it has an old start, so that windows wi
 neighbours. The newest window is never deleted.
 
 Thinned histories keep every window that updated the twin, found an effect, raised or ended an alarm, changed the
-status or was refused, and the extremes of each 256 windows (extremes.py); the first and the last window of each epoch
-stay for ever. Inspections, decisions, changes and open alarms are never deleted.
+status or was refused, those whose signals are kept (which kept_signals.py bounds), and the extremes of each 256 windows
+(extremes.py); the first and the last window of each epoch stay for ever. The signals of a window go with it.
+Inspections, decisions, changes and open alarms are never deleted.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sqlalchemy import bindparam, delete, func, or_, select, update
+from sqlalchemy import and_, bindparam, delete, func, or_, select, update
 
 from service.results.alarm_store import MOST_HISTORY
 from service.results.extremes import drop_before, is_extreme
@@ -71,7 +72,12 @@ _WINDOWS = (
     .where(
         or_(
             WINDOWS.c.number <= bindparam("dropped_until"),
-            (WINDOWS.c.notable < NOTABLE) & (WINDOWS.c.number % bindparam("every", type_=NUMBER) != 0) & ~is_extreme(),
+            and_(
+                WINDOWS.c.notable < NOTABLE,
+                WINDOWS.c.segment.is_(None),
+                WINDOWS.c.number % bindparam("every", type_=NUMBER) != 0,
+                ~is_extreme(),
+            ),
         )
     )
     .order_by(WINDOWS.c.number)
@@ -108,17 +114,28 @@ _LONG_HISTORIES = (
 )
 
 
-def delete_old(database: Tables, asset: str, retention: Retention, clock: Callable[[], int] = time.time_ns) -> int:
-    """Deletes at most one batch of each kind of what an asset has beyond its retention; how many rows."""
+def delete_old(
+    database: Tables,
+    asset: str,
+    retention: Retention,
+    clock: Callable[[], int] = time.time_ns,
+    unnamed: Callable[[str], object] = lambda file: None,
+) -> int:
+    """Deletes at most one batch of each kind of what an asset has beyond its retention; how many rows.
+
+    unnamed  called with the name of each file of signals that belongs to no window any more
+    """
     return (
-        _delete_windows(database, asset, retention, clock())
+        _delete_windows(database, asset, retention, clock(), unnamed)
         + _delete_events(database, asset, retention)
         + _delete_alarms(database, asset, retention)
         + _delete_history(database, asset, retention)
     )
 
 
-def _delete_windows(database: Tables, asset: str, retention: Retention, now: int) -> int:
+def _delete_windows(
+    database: Tables, asset: str, retention: Retention, now: int, unnamed: Callable[[str], object]
+) -> int:
     newest = database.rows(_NEWEST, {"of": asset})
     if not newest:
         return 0
@@ -134,9 +151,13 @@ def _delete_windows(database: Tables, asset: str, retention: Retention, now: int
     if old:
         own = (WINDOWS.c.asset == asset, WINDOWS.c.start_ns.in_([row.start_ns for row in old]))
         with database.transaction() as db:
-            db.execute(delete(WINDOWS).where(*own, WINDOWS.c.notable < END_OF_EPOCH))  # an epoch may have ended since
+            gone = delete(WINDOWS).where(*own, WINDOWS.c.notable < END_OF_EPOCH)  # an epoch may have ended since
+            files = db.execute(gone.returning(WINDOWS.c.segment)).scalars().all()
             if old[0].number <= dropped:
                 drop_before(db, asset, db.execute(_FIRST_KEPT, {"of": asset}).scalar_one())
+        for file in files:
+            if file is not None:
+                unnamed(file)
     return len(old)
 
 

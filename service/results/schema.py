@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0011"
+REVISION = "0012"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -74,8 +74,17 @@ WINDOWS = Table(
     _number("epoch", "0"),
     _number("seal", nullable=True),
     _number("notable", "0"),
+    _text("segment", nullable=True),  # name of the file of its signals; none where they are not kept
+    _number("segment_bytes", nullable=True),
+    Column("revolutions", Double, nullable=True),  # of the pinion
+    *(_number(n, "0") for n in ("found", "refused")),  # whether an effect was found at it; whether it was not used
     Index("windows_by_number", "asset", "number"),
     Index("windows_by_epoch", "asset", "epoch", "number"),
+    Index(  # all that is asked of windows whose signals are kept: their rows are wide, and theirs alone are looked at
+        "windows_with_segment",
+        *("asset", "number", "start_ns", "revolutions", "segment_bytes", "found", "refused", "segment"),
+        sqlite_where=text("segment IS NOT NULL"),  # on a server, too: `migrations`
+    ),
 )
 EXTREMES = Table(
     "extremes",

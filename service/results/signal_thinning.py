@@ -65,12 +65,11 @@ def _closest(used: Sequence[KeptWindow], candidates: Sequence[KeptWindow]) -> Ke
 
 def _places(used: Sequence[KeptWindow]) -> Iterator[float]:
     """Where each window lies in the history: revolutions that only rise, or numbers where they are not counted."""
-    turns = [w.revolutions for w in used]
+    turns = [w.revolutions for w in used if w.revolutions is not None]
+    if len(turns) < len(used):
+        yield from (float(w.number) for w in used)
+        return
     place, before = 0.0, turns[0]
-    for window, now in zip(used, turns, strict=True):
-        if None in turns:
-            yield float(window.number)
-            continue
-        assert now is not None and before is not None
+    for now in turns:
         place, before = place + max(now - before, 0.0), now
         yield place

@@ -67,7 +67,6 @@ _EPOCHS = epochs_of(NAMED)
 _FROM = (  # with a range and a limit: SQLite walks along the asset's windows where it is given one number
     select(WINDOWS.c.record).where(_OF_EPOCH, WINDOWS.c.number >= bindparam("at")).order_by(WINDOWS.c.number).limit(1)
 )
-_BEFORE = select(WINDOWS.c.before).where(WINDOWS.c.asset == NAMED, WINDOWS.c.start_ns == bindparam("at"))
 _OF_WINDOW = and_(WINDOWS.c.asset == EVENTS.c.asset, WINDOWS.c.start_ns == EVENTS.c.start_ns)
 _RECORD_OR_DATA = func.coalesce(WINDOWS.c.record, EVENTS.c.data)
 _IS_DAMAGED = EVENTS.c.start_ns != EVENTS.c.again_ns
@@ -90,12 +89,11 @@ def _update_asset(columns: tuple[str, ...]) -> Update:
     return update(ASSETS).where(ASSETS.c.asset == NAMED).values({name: bindparam(name) for name in columns})
 
 
-def _notable(record: Mapping[str, Any], events: Iterable[tuple[str, Any]], first: bool) -> int:
+def _notable(row: Mapping[str, Any], record: Mapping[str, Any], first: bool) -> int:
     """Whether a window stays when its history is thinned."""
     if first:
         return END_OF_EPOCH
-    found = any(kind == "effect" for kind, _ in events)
-    return NOTABLE if found or record.get("updated") or record.get("quality") == "refused" else 0
+    return NOTABLE if row["found"] or row["refused"] or record.get("updated") else 0
 
 
 class SqlStore:
@@ -142,11 +140,14 @@ class SqlStore:
         before: Mapping[str, Any] | None = None,
         making: Mapping[str, Any] | None = None,
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
+        segment: str | None = None,
+        segment_bytes: int | None = None,
     ) -> StoredWindow | None:
         """One window, whole; None (and nothing changed) where it is there already.
 
         before  what its making took from the window before
         making  what the next one goes on from, and what is counted of windows
+        segment  name of the file of its signals; None where they are not kept
         """
         refused = record.get("quality") == "refused"
         shown = {} if report is None or refused else plain(figures(report))
@@ -158,8 +159,10 @@ class SqlStore:
                 "asset": asset, "start_ns": start_ns, "record": dump(record), "figures": dump(shown),
                 "before": dump(before),
                 "number": number, "epoch": epoch, "seal": seal(start_ns, number, epoch),
-                "notable": _notable(record, events, counts["windows"] == 0),
+                "segment": segment, "segment_bytes": segment_bytes, "revolutions": record.get("revolutions"),
+                "found": int(any(kind == "effect" for kind, _ in events)), "refused": int(refused),
             }  # fmt: skip
+            row["notable"] = _notable(row, record, counts["windows"] == 0)
             if db.execute(self._insert_window, row).first() is None:
                 return None
             parts = {"state": state, "report": report, "making": making}
@@ -283,11 +286,6 @@ class SqlStore:
         """End of an asset's newest window on the stream's own clock, else the host's time; Unix time [ns]."""
         assembly = self.shown_asset(asset).assembly or {}
         return assembly.get("closed_until_ns") or later_time_ns()
-
-    def before(self, asset: str, start_ns: int) -> Mapping[str, Any]:
-        """What the making of a window took from the one before; empty where that is not known any more."""
-        ((kept,),) = self._rows(_BEFORE, {"of": asset, "at": start_ns}) or ((None,),)
-        return salvage(kept, f"window {start_ns} of {asset}") or {}
 
     def next_indices(self) -> dict[str, int]:
         """Index of every asset's next window."""

@@ -1,7 +1,7 @@
 """How large a database becomes: what it holds now, and what it will hold once its retention is reached.
 
     size   = FIXED + Σ assets (asset + windows · window + others · other)
-    window = PAGE / ⌊(PAGE − 12) / (body + name + 40)⌋ + (4 · name + 96) / 0.7 + (name + 60) / 3 / 0.7
+    window = PAGE / ⌊(PAGE − 12) / (body + name + 54)⌋ + (4 · name + 96) / 0.7 + (name + 60) / 3 / 0.7
     kept   = (whole + (days − whole) · thinned) / spacing,   thinned = 1/every + (1 − 1/every) · (notable + 3/256)
 
 window   bytes of a window: its row, of which as many as fit share a page of 4096, and three indexes with the event
@@ -13,8 +13,8 @@ other    an event that is no window's, with its index
 notable  share of windows that updated the twin, found an effect or were refused
 spacing  mean time between the newest windows [days]
 
-Holds    for SQLite, 10 %; PostgreSQL takes about the same. Raw signals and waiting windows are files, with bounds of
-         their own in the settings.
+Holds    for SQLite, 10 %; PostgreSQL takes about the same. Segments of windows that wait and raw signals are files,
+         with bounds of their own in the settings; the few windows whose signals are kept longer are not counted.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Forecast:
 
 def window_bytes(body: float, name: int) -> float:
     """What one window with its event takes."""
-    return _row_bytes(body + name + 40) + (4 * name + 96) / FILL + (name + 60) / (FAN_OUT - 1) / FILL
+    return _row_bytes(body + name + 54) + (4 * name + 96) / FILL + (name + 60) / (FAN_OUT - 1) / FILL
 
 
 def forecast_of(where: Path | str, retention: Retention) -> Forecast:

@@ -15,9 +15,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from service.errors import InputError, StoreError
+from service.results.asset_folders import asset_of_folder
 from service.results.object_store import ObjectStore, is_url
 from service.results.scratch import scratch
-from service.results.signal_reading import asset_of_folder
 from service.stream.frames import NS
 
 SUFFIX = ".mcap"

@@ -1,7 +1,8 @@
 """Jobs that are windows: each a file that waits for its turn, and a row that names it.
 
 The row is written with where the asset's stream goes on, and deleted by the transaction that processes the window, so
-that a kill loses no window and counts none twice.
+that a kill loses no window and counts none twice. Where the window's signals are kept, the same transaction names the
+file in the window's row (kept_signals.py); else the file is deleted after it.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, delete, select, update
+from sqlalchemy import Connection, bindparam, delete, select, union_all, update
 
 from service.contract.base import iso_time
 from service.errors import StoreError
 from service.results.commit_marks import probe
 from service.results.jobs import WINDOW
 from service.results.json_columns import dump, salvage
-from service.results.schema import ASSETS, JOBS
+from service.results.schema import ASSETS, JOBS, WINDOWS
 from service.results.segment_file import SUFFIX, sync_folder, write_segment
 from service.results.store import Tables
 from service.steady_clock import later_time_ns
@@ -37,7 +38,11 @@ _IS = JOBS.c.kind == WINDOW
 _OF = JOBS.c.asset == bindparam("of")
 _ALL_WAITING = select(*(JOBS.c[n] for n in ("asset", "id", "start_ns", "bytes", "file"))).where(_IS).order_by(JOBS.c.id)
 _WAITING = _ALL_WAITING.where(_OF)
-_END_WAITING = delete(JOBS).where(JOBS.c.id == bindparam("number"))
+_END_WAITING = (
+    delete(JOBS)
+    .where(JOBS.c.id == bindparam("number"))
+    .returning(*(JOBS.c[n] for n in ("id", "start_ns", "bytes", "file")))
+)
 _END_WAITING_FROM = delete(JOBS).where(_IS, _OF, JOBS.c.id >= bindparam("number"))
 _BEFORE = select(JOBS.c.given).where(JOBS.c.id == bindparam("number"))
 _GO_ON_FROM = update(ASSETS).where(ASSETS.c.asset == bindparam("of"))
@@ -63,21 +68,23 @@ class Written:
 
 
 class WindowJobs:
-    """The windows of all assets that wait: in the results' database and a folder."""
+    """The windows of all assets that wait: in the results' database and the folder of segments."""
 
     def __init__(self, database: Tables, folder: Path | None = None) -> None:
-        """folder  of the windows that wait; None where no window ever does"""
+        """folder  of segments; None where no window ever waits"""
         self._database, self.folder = database, folder
         if folder is None:
             return
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            known = {row[0] for row in database.rows(select(JOBS.c.file).where(_IS, database.own(JOBS.c.asset)))}
+            wait = select(JOBS.c.file).where(_IS, database.own(JOBS.c.asset))
+            kept = select(WINDOWS.c.segment).where(WINDOWS.c.segment.is_not(None), database.own(WINDOWS.c.asset))
+            named = {row[0] for row in database.rows(union_all(wait, kept))}
             for path in folder.iterdir():
-                if path.name not in known:
-                    path.unlink(missing_ok=True)  # of a window that has been processed, or was never committed
+                if path.name not in named:
+                    path.unlink(missing_ok=True)  # of a window that was never committed, or has been given up
         except OSError as error:
-            raise StoreError(f"{folder} cannot hold windows that wait: {error.strerror or error}") from error
+            raise StoreError(f"{folder} cannot hold the segments of windows: {error.strerror or error}") from error
 
     def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction of the database, which other stores in it share."""
@@ -172,10 +179,11 @@ class WindowJobs:
             waiting[asset] = (*waiting.get(asset, ()), kept)
         return waiting
 
-    def drop_waiting(self, number: int) -> None:
-        """Ends the wait of a window that is processed by the present transaction."""
+    def drop_waiting(self, number: int) -> WaitingWindow | None:
+        """Ends the wait of a window that is processed by the present transaction; None where it has ended before."""
         with self.transaction() as db:
-            db.execute(_END_WAITING, {"number": number})
+            row = db.execute(_END_WAITING, {"number": number}).one_or_none()
+        return None if row is None else WaitingWindow(**row._mapping)
 
     def path_of(self, window: WaitingWindow) -> Path:
         """The file of a window that waits."""
@@ -190,7 +198,7 @@ class WindowJobs:
 
 
 def delete_file(path: Path | None) -> None:
-    """Deletes the file of a window that waits no longer; one that cannot be deleted now is by the next start."""
+    """Deletes the file of a window that no row names; one that cannot be deleted now is by the next start."""
     if path is not None:
         try:
             path.unlink(missing_ok=True)

@@ -16,12 +16,12 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_rows import put
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, SIGNALS, WAITING
+from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
+from service.results.kept_signals import KeptSignals
 from service.results.names import Names
 from service.results.rig_proposals import RigProposals
-from service.results.signal_store import SignalStore
 from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
@@ -42,7 +42,6 @@ class Begun(AbstractContextManager["Begun"]):
 
     store: SqlStore
     table: AssetTable
-    signals: SignalStore
     kept: Kept
     alarms: AlarmKeeper
     rigs: Rigs
@@ -58,11 +57,11 @@ class Begun(AbstractContextManager["Begun"]):
         """
         with ExitStack() as stack:
             store = stack.enter_context(open_store())
-            windows = WindowJobs(store.database, settings.data / WAITING)
+            segments = settings.data / SEGMENTS
+            windows = WindowJobs(store.database, segments)
             windows.step_back()
             jobs = Jobs(store.database)
             names = Names(store.database)
-            signals = SignalStore(settings.data / SIGNALS, settings.signal_bytes)
             alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
             declare(settings, store, names, elsewhere)
             known, table = stack.enter_context(_restored(store, alarms))
@@ -71,6 +70,7 @@ class Begun(AbstractContextManager["Begun"]):
                 table=table,
                 queue=JobQueue(jobs),
                 windows=windows,
+                signals=KeptSignals(store.database, lambda asset: segments, settings.signal_bytes),
                 unknown=unknown_of(settings, elsewhere),
                 baselines=BaselineStore(store.database, settings.data / BASELINES),
                 names=names,
@@ -86,7 +86,7 @@ class Begun(AbstractContextManager["Begun"]):
                 names=names,
             )
             resources = stack.pop_all()
-        return cls(store=store, table=table, signals=signals, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
+        return cls(store=store, table=table, kept=kept, alarms=alarms, rigs=rigs, resources=resources)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

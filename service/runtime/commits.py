@@ -9,18 +9,19 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.asset_table import AssetTable
 from service.results.jobs import Job, Jobs
+from service.results.kept_signals import KeptSignals
 from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.status_events import status_events
 from service.results.store import StoredWindow
-from service.results.window_jobs import WindowJobs, delete_file
+from service.results.window_jobs import WaitingWindow, WindowJobs, delete_file
 from service.runtime.outcomes import Outcome
-from service.runtime.signal_writer import SignalWriter
 from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
 from service.steady_clock import later_time_ns
@@ -41,7 +42,7 @@ class Commits:
         publication: StatePublication,
         windows: WindowJobs,
         clock: Callable[[], int] = later_time_ns,
-        signals: SignalWriter | None = None,
+        signals: KeptSignals | None = None,
         alarms: AlarmKeeper | None = None,
     ) -> None:
         self._store, self._windows, self._jobs = store, windows, Jobs(store.database)
@@ -51,16 +52,21 @@ class Commits:
 
     def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
         """Keeps an outcome, with the alarms that it raises and how the asset is shown then, in one transaction."""
-        before = self._table.latest(outcome.asset)
+        before, unnamed = self._table.latest(outcome.asset), list[Path]()
         with self._windows.transaction():
-            shown = self._kept(outcome, job, before)
+            waited = None if outcome.waited is None else self._windows.drop_waiting(outcome.waited)
+            named = waited if outcome.signals and self._signals is not None and self._signals.limit else None
+            shown = self._kept(outcome, job, before, named)
             if shown is not None:
                 shown = replace(shown, last_event_id=self._store.last_event_id(outcome.asset)).with_whole()
                 version = self._table.write(shown)
-            if outcome.waited is not None:
-                self._windows.drop_waiting(outcome.waited)
+            if self._signals is not None and named is not None:
+                unnamed += self._signals.thin(outcome.asset)
+        if waited is not None and (named is None or shown is None):
+            unnamed.append(self._windows.path_of(waited))
+        for file in unnamed:
+            delete_file(file)
         if shown is None:
-            delete_file(outcome.file)
             start = outcome.record["start_time"]
             told = {"asset": outcome.asset, "window": start}
             log.error("%s: window %s had been committed before", outcome.asset, start, extra=told)
@@ -73,17 +79,16 @@ class Commits:
         assert self._committed is not None
         self._table.written(*self._committed)
         self._publication.publish(outcome.asset)
-        if outcome.window is None:
-            return
-        if self._signals is not None:
-            self._signals.offer(outcome)
-        else:
-            delete_file(outcome.file)
 
     # -- within --------------------------------------------------------------------------------------
 
-    def _kept(self, outcome: Outcome, job: Job | None, before: Snapshot | None) -> Snapshot | None:
-        """Writes an outcome; how the asset is shown then. None where its window is another attempt's."""
+    def _kept(
+        self, outcome: Outcome, job: Job | None, before: Snapshot | None, named: WaitingWindow | None
+    ) -> Snapshot | None:
+        """Writes an outcome; how the asset is shown then. None where its window is another attempt's.
+
+        named  the window that waited, whose file its row names from now on
+        """
         asset, changed = outcome.asset, dict(outcome.changed)
         parts = {n: v for n in ("making", "report") if (v := getattr(outcome, n)) is not None}
         changed |= {"counts" if n == "making" else n: part for n, part in parts.items()}
@@ -101,6 +106,8 @@ class Commits:
                 received_ns=changed["received_ns"],
                 events=outcome.events,
                 before=outcome.before,
+                segment=None if named is None else named.file,
+                segment_bytes=None if named is None else named.bytes,
                 **{"report": None, **parts},
             )
             first = window is not None

@@ -74,7 +74,7 @@ class Lanes:
         self._lanes: dict[str, Lane] = {}
         self._unsettled: list[tuple[Lane, Callable[[], None]]] = []
         self.stopped: list[tuple[str, str]] = []  # assets of which nothing more is processed, and why
-        self.forget: Callable[[int], None] = lambda number: None  # ends the wait of a window on disk
+        self.forget: Callable[[int], object] = lambda number: None  # ends the wait of a window on disk
         self.faults = 0  # of the program, each of which cost a window, a decision or a change
 
     # -- work ----------------------------------------------------------------------------------------
@@ -317,7 +317,7 @@ class Lanes:
             question, refuse = None, ONE_DISTURBED
         elif shed and question is not None and lane.entries.index(entry) < lane.held:
             question = waiting(question, lane.held - 1, left_out=1)
-        outcome = replace(outcome_of(lane, made), waited=entry.number, file=entry.file)
+        outcome = replace(outcome_of(lane, made), waited=entry.number)
         if question is not lane.question:
             outcome = replace(outcome, changed={"question": question}, refuse=refuse)
         committed = self._sink.commit(outcome)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol
 
 from service.alarms.keeper import AlarmKeeper
@@ -38,7 +37,7 @@ def _nothing() -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What one job led to: all that is committed in one transaction. All but `window`, `file` and `state` is JSON-safe.
+    """What one job led to: all that is committed in one transaction. All but `window` and `state` is JSON-safe.
 
     Of what is not given, nothing changes. `index` to `signals` are of a window that was used or refused.
 
@@ -52,7 +51,6 @@ class Outcome:
     window: Window | None = None  # as it was used; without its signals where its frames were kept in a file
     record: Mapping[str, Any] = field(default_factory=dict)  # the contract's `windows[]`, with `quality` and `faults`
     waited: int | None = None  # number of the job that the window was; None where it was kept in memory alone
-    file: Path | None = None  # in which its frames were kept; None where they were in memory
     before: Mapping[str, Any] | None = None  # what its making took from the window before
     making: Mapping[str, Any] | None = None  # what the making of the next window goes on from, and what is counted
     signals: bool = True  # whether it has any

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import threading
+from pathlib import Path
 
 from service.errors import StoreError
 from service.results.retention import Retention, delete_old
 from service.results.sql_store import SqlStore
+from service.results.window_jobs import delete_file
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -28,11 +30,11 @@ def retention_of(settings: Settings) -> Retention:
 
 
 class RetentionJob(threading.Thread):
-    """The thread that keeps the database bounded."""
+    """The thread that keeps the database bounded, with the segments that go with their windows."""
 
-    def __init__(self, store: SqlStore, retention: Retention, pause: float = PAUSE) -> None:
+    def __init__(self, store: SqlStore, retention: Retention, segments: Path, pause: float = PAUSE) -> None:
         super().__init__(name="retention", daemon=True)
-        self._store, self._retention, self._pause = store, retention, pause
+        self._store, self._retention, self._segments, self._pause = store, retention, segments, pause
         self._stopping = threading.Event()
         self.deleted = 0  # rows since the start
 
@@ -49,7 +51,9 @@ class RetentionJob(threading.Thread):
 
     def _clear(self, asset: str) -> None:
         while not self._stopping.wait(BREATH):
-            count = delete_old(self._store.database, asset, self._retention)
+            count = delete_old(
+                self._store.database, asset, self._retention, unnamed=lambda file: delete_file(self._segments / file)
+            )
             self.deleted += count
             if not count:
                 return

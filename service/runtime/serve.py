@@ -15,12 +15,11 @@ from functools import partial
 from service.api import create_app
 from service.api.incoming import Incoming
 from service.operation.health import HTTP, RETENTION, WEBHOOKS, Health
-from service.operation.health import SIGNALS as RAW_SIGNALS
 from service.operation.systemd import READY, STOPPING, Watchdog, notify
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
 from service.results.audit_log import AuditLog
-from service.results.data_folder import database_of, only_service_of
+from service.results.data_folder import SEGMENTS, database_of, only_service_of
 from service.results.sql_store import SqlStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
@@ -33,7 +32,6 @@ from service.runtime.http_server import Front, HttpServer, address_of, listening
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs, Rigs
-from service.runtime.signal_writer import SignalWriter
 from service.runtime.storage_wait import StoppedWaiting, opened
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
@@ -69,13 +67,13 @@ def run(
         store, table, kept, alarms, rigs = begun.store, begun.table, begun.kept, begun.alarms, begun.rigs
         timing = Timing()
         store.database.took = timing.stored
-        writer, health = SignalWriter(begun.signals), Health(settings.loop_limit)
+        health = Health(settings.loop_limit)
         raw = stack.enter_context(recording_raw(settings, table, health))
-        worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), writer, health, raw)
+        worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), health, raw)
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         bridges = bridges_of(settings, table, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)
-        retention = RetentionJob(store, retention_of(settings))
+        retention = RetentionJob(store, retention_of(settings), settings.data / SEGMENTS)
         parts = (worker, webhooks, bridges, retention)
         figures = figures_of(*(part.figures for part in (*parts, front, timing)), partial(database_figures, store))
         app = create_app(
@@ -84,7 +82,7 @@ def run(
             kept.queue,
             not_ready=worker.not_ready,
             figures=figures,
-            signals=begun.signals,
+            signals=kept.signals,
             alarms=alarms,
             baselines=kept.baselines,
             access=access,
@@ -109,12 +107,12 @@ def run(
         worker.on_end = server.end
         for part in parts:
             part.start()
-        for name, thread in ((WEBHOOKS, webhooks), (RETENTION, retention), (RAW_SIGNALS, writer.thread)):
+        for name, thread in ((WEBHOOKS, webhooks), (RETENTION, retention)):
             health.thread(name, thread)
         try:
             server.run(sockets=[listening])
         finally:
-            for ended in (*parts, writer):
+            for ended in parts:
                 ended.end()
         if worker.failure is not None:
             raise worker.failure

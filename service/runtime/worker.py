@@ -18,6 +18,7 @@ from service.operation.journey import Arrived, Journey, nobody
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
 from service.results.job_queue import ALARM, JobQueue
+from service.results.kept_signals import KeptSignals
 from service.results.names import Names
 from service.results.snapshot import Stale
 from service.results.sql_store import SqlStore
@@ -42,7 +43,6 @@ from service.runtime.raw_recorder import RawRecorder
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
-from service.runtime.signal_writer import SignalWriter
 from service.runtime.spool import BacklogLimits, Spool, entries_of
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
@@ -77,6 +77,7 @@ class Kept:
     windows: WindowJobs
     names: Names
     baselines: BaselineStore
+    signals: KeptSignals | None = None
     alarms: AlarmKeeper | None = None
     unknown: UnknownAssets = field(default_factory=UnknownAssets)
     known: dict[str, StoredAsset] = field(default_factory=dict)  # all assets as the start has read them, until restored
@@ -114,12 +115,11 @@ class Worker(threading.Thread):
         rigs: Rigs,
         twin: Twin,
         open_transport: OpenTransport,
-        signals: SignalWriter | None = None,
         health: Health | None = None,
         raw: RawRecorder | None = None,
         computing_of: ComputingOf = computing_here,
     ) -> None:
-        self._signals, self._health, self._raw = signals, health or Health(), raw
+        self._health, self._raw = health or Health(), raw
         super().__init__(name="twin", daemon=True)
         self._settings, self._kept = settings, kept
         self._rigs, self._twin, self._open_transport = rigs, guarded(twin), open_transport
@@ -212,7 +212,6 @@ class Worker(threading.Thread):
             **self._kept.unknown.figures(),
             **self._rigs.proposals.figures(),
             **self._computing.figures(),
-            **(self._signals.figures() if self._signals else {}),
             **(self._raw.figures() if self._raw else {}),
         }
 
@@ -290,7 +289,7 @@ class Worker(threading.Thread):
             spool.add(closed)
 
         reception = self._reception = self._receiving(offered, close)
-        sink = Commits(store, table, publication, windows, signals=self._signals, alarms=kept.alarms)
+        sink = Commits(store, table, publication, windows, signals=kept.signals, alarms=kept.alarms)
         lanes = self._lanes = Lanes(
             reception,
             sink,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from service.results.asset_table import AssetTable
-from service.results.signal_reading import KeptSignals
+from service.results.kept_signals import KeptSignals
 from service.results.signal_thinning import KeptWindow
 from service.results.sql_store import SqlStore
 from service.signals.subject import Modelling, Subject
@@ -87,7 +87,7 @@ class Library:
         kept, rig = [w for w in self.kept(asset) if not w.refused], self._rig(asset)
 
         def as_it_came(window: KeptWindow) -> Subject:  # examining instruments takes longer than all else together
-            found = self._signals.window(asset, window.number, rig, self._store, laid_out)
+            found = self._signals.window(asset, window.number, rig, laid_out)
             return Subject(asset=asset, index=window.number, window=found, rig=rig)
 
         def row(window: KeptWindow) -> Row | str:
@@ -108,7 +108,7 @@ class Library:
 
     def _subject(self, asset: str, index: int, modelled: bool) -> Subject:
         rig = self._rig(asset)
-        window = self._signals.window(asset, index, rig, self._store)
+        window = self._signals.window(asset, index, rig)
         model: Modelling | None = None
         why = ""
         if modelled:

@@ -35,7 +35,6 @@ from service.access.roles import Role
 from service.api import create_app
 from service.api.limits import Limits
 from service.results.baseline_store import BaselineStore
-from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 
 ASSET = "/v1/assets/{asset}"
@@ -94,7 +93,7 @@ class Interface:
         board = fakes.WrittenTable(store)
         fakes.campaign(store, board, asset="unsw", windows=6)
         fakes.take(store, board, "0", 0, 1.0, report=fakes.little_known_report())
-        signals = SignalStore(folder / "signals", 2**30)
+        signals = segments.in_folder(store, folder / "segments")
         for index in range(3):
             segments.keep(signals, "unsw", index, meshing_window(index), revolutions=100.0 * index)
         return create_app(

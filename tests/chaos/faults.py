@@ -102,10 +102,11 @@ def window_flip(run: Run, fault: Fault) -> None:
     """Bits of a window's file change between two starts: that window is refused with the reason, or used as it was."""
     rng = random.Random(f"window {run.schedule.seed} {run.schedule.number} {fault.at}")
     run.kill_service()
+    with closing(sqlite3.connect(run.data / DATABASE)) as database:
+        waits = {name for (name,) in database.execute("SELECT file FROM jobs WHERE kind = 'window'")}
     files = sorted(p for p in run.data.rglob("*.mcap") if p.stat().st_size)
-    waiting = [p for p in files if "waiting" in p.parts] or files
-    if waiting:
-        flip(rng.choice(waiting), rng)
+    if files:
+        flip(rng.choice([p for p in files if p.name in waits] or files), rng)
         run.damaged += 1
     run.start_service()
     run.outcome.restarts += 1

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import secrets
 
 import numpy as np
+from sqlalchemy import update
 
+from service.results.kept_signals import KeptSignals
+from service.results.schema import WINDOWS
 from service.results.segment_file import write_segment
 from service.stream.edge_counts import EncoderCounts
 from service.stream.frames import NS, EncoderFrame, SampleFrame
@@ -53,9 +56,16 @@ def made(segment, rig=None):
 
 
 def keep(signals, asset, number, window, **about):
-    """Keeps the frames of a window in a `SignalStore`."""
-    file = Path(signals.folder).with_name("one-window.mcap")
-    write_segment(file, segment_of(window))
-    kept = signals.keep(asset, number, file, window.start_time_ns, **about)
-    file.unlink(missing_ok=True)
-    return kept
+    """Keeps the frames of a window that has been committed; `about` are columns of its row."""
+    folder = signals._folder(asset)
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{secrets.token_hex(8)}.mcap"
+    row = {"segment": file.name, "segment_bytes": write_segment(file, segment_of(window)), **about}
+    with signals._database.transaction() as db:
+        of = (WINDOWS.c.asset == asset, WINDOWS.c.number == number)
+        assert db.execute(update(WINDOWS).where(*of).values(row)).rowcount == 1
+
+
+def in_folder(store, folder, limit=2**30):
+    """The kept signals of a database whose segments are all in one folder."""
+    return KeptSignals(store.database, lambda asset: folder, limit)

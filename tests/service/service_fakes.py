@@ -20,7 +20,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, WAITING
+from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.jobs import DECISION, INSPECTION, Job, Jobs
 from service.results.names import Names
 from service.results.snapshot import Snapshot
@@ -309,7 +309,7 @@ def fill(store: SqlStore, data: Path) -> None:
     inspect(store, "unsw", {"revolutions": 10.0}, {})
     jobs_of(store).add("unsw", "retired", {"by": "Anna"})
     Names(store.database).rename("other", "spindle")
-    life = WindowJobs(store.database, data / WAITING)
+    life = WindowJobs(store.database, data / SEGMENTS)
     assert life.add_waiting("other", life.write(SEGMENT))
     baselines = BaselineStore(store.database, data / BASELINES)
     path = baselines.new_path()

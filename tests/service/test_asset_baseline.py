@@ -10,7 +10,7 @@ from functools import lru_cache
 import fake_twin
 import pytest
 from memory_transport import MemoryNetwork
-from segments import keep
+from segments import in_folder, keep
 from service_streams import Service, SqliteFile
 from sqlalchemy import update
 from test_baselines import recording
@@ -23,10 +23,9 @@ from service.files.baseline import learned, read_baseline, save
 from service.results import baseline_learning
 from service.results.baseline_learning import learn_from_windows
 from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, SIGNALS
+from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.jobs import Jobs
 from service.results.schema import ASSETS
-from service.results.signal_store import SignalStore
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.twin_port import gear_twin
 from service.stream.assembly import Assembler
@@ -57,16 +56,16 @@ def with_windows(folder, grades=SOUND):
     """A data directory with sound windows of a healthy machine whose signals are kept."""
     folder.mkdir(exist_ok=True)
     kept = Service(folder)
-    signals = SignalStore(kept.folder / SIGNALS, 10**9)
     with kept.store() as store:
+        signals = in_folder(store, kept.folder / SEGMENTS)
         store.keep_rig("bench", RIG)
         for i, (load, grade) in enumerate(zip(LOADS, grades, strict=True)):
             window = replace(bench(load, i), start_time_ns=START_NS + i * HOUR_NS)
-            keep(signals, "bench", i, window)
             store.commit(
                 "bench", window.start_time_ns, record={"index": i, "quality": grade, "start_time": ""}, state={},
                 report=None, received_ns=1,
             )  # fmt: skip
+            keep(signals, "bench", i, window)
         with store.database.transaction() as db:
             db.execute(update(ASSETS).values(state=None, assembly=None))  # no twin has a state of these windows
     return folder
@@ -137,9 +136,8 @@ def test_windows_that_cannot_be_learned_from_are_named(running, windows, text):
 
 def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     data = with_windows(tmp_path / "data")
-    signals = SignalStore(Service(data).folder / SIGNALS, 10**9)
     with Service(data).store() as store:
-        jobs = Jobs(store.database)
+        signals, jobs = in_folder(store, Service(data).folder / SEGMENTS), Jobs(store.database)
         made = jobs.add("bench", "sensor_moved", {"sensor": "a"})
         jobs.end(made, {"from_window": 2})
         with pytest.raises(InputError, match=r"window 1 was measured before the change 'sensor_moved'.*from 2 on"):
@@ -150,9 +148,9 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
 @pytest.mark.slow
 def test_nothing_is_added_to_a_baseline_that_a_change_has_ended(tmp_path):
     data = with_windows(tmp_path / "data")
-    signals, file = SignalStore(Service(data).folder / SIGNALS, 10**9), tmp_path / "first.baseline"
+    file = tmp_path / "first.baseline"
     with Service(data).store() as store:
-        jobs = Jobs(store.database)
+        signals, jobs = in_folder(store, Service(data).folder / SEGMENTS), Jobs(store.database)
         first = learn_from_windows("bench", [0, 1, 2], store, signals, jobs)
         save(first, file)
         again = learn_from_windows("bench", [2, 3], store, signals, jobs, file)

@@ -17,8 +17,8 @@ from service.alarms.rules import Rule
 from service.cli import run
 from service.errors import DeliveryError, InputError
 from service.results.alarm_store import AlarmStore
-from service.results.data_folder import WAITING
 from service.results.jobs import Jobs
+from service.results.window_jobs import WindowJobs
 from service.runtime.replay import replay
 
 WINDOWS = 4
@@ -265,7 +265,8 @@ def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_double
         assert revolutions(running.windows()) == FIRST
         assert len(running.get(f"{UNSW}/windows?epoch=0")) == WINDOWS
         assert running.get(UNSW)["epoch"] == 1  # carried out once
-        wait_until(lambda: not list((running.folder / WAITING).iterdir()))
+        with running.store() as store:
+            assert WindowJobs(store.database).waiting("unsw") == ()
     finally:
         running.end(signal.SIGKILL)
 
@@ -303,8 +304,7 @@ def test_a_restart_knows_the_new_name_and_the_old_one(tmp_path, network, first):
         send(network, write_recording(tmp_path / "on.mcap", WINDOWS + 1))
         assert revolutions(running.wait_for_windows(WINDOWS + 1, "press-7")) == [*FIRST, 2410]
         assert running.get(UNSW) is None
-        signals = running.folder / "signals"
-        assert [folder.name for folder in signals.iterdir()] == ["unsw"]  # the id stays
+        assert len(running.get("/v1/assets/press-7/signals")["windows"]) == WINDOWS + 1
 
 
 @pytest.mark.slow

@@ -55,6 +55,7 @@ class Committing:
         self.store, self.life, self.outcomes = store, life, []
 
     def commit(self, outcome, job=None):
+        waited = None
         with self.life.transaction():
             committed = self.store.commit(
                 outcome.asset, outcome.window.start_time_ns, record=outcome.record, state=outcome.state.to_dict(),
@@ -62,19 +63,21 @@ class Committing:
                 events=outcome.events,
             )  # fmt: skip
             if outcome.waited is not None:
-                self.life.drop_waiting(outcome.waited)
+                waited = self.life.drop_waiting(outcome.waited)
+        if waited is not None:
+            delete_file(self.life.path_of(waited))
         self.outcomes.append(outcome)
         return isinstance(committed, StoredWindow)
 
     def publish(self, outcome):
-        delete_file(outcome.file)
+        pass
 
 
 @pytest.fixture
 def parts(store, tmp_path):
     def make(**limits):
         clock = [0.0]
-        life = WindowJobs(store.database, tmp_path / "waiting")
+        life = WindowJobs(store.database, tmp_path / "segments")
         storage = StorageWatch("data", clock=lambda: clock[0])
         reception = Reception(lambda asset: Rig.from_mapping({}), lambda closed: spool.add(closed))
         sink, computing = Committing(store, life), Later()
@@ -111,7 +114,7 @@ def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_
     for number in range(8):
         p.add("a", number)
     assert numbers(p.sink.outcomes, refused=True) == [("a", 1), ("a", 2), ("a", 3), ("a", 4), ("a", 5)]
-    assert p.lanes.backlog("a") == 3 == len(list((p.tmp_path / "waiting").glob("*.mcap")))
+    assert p.lanes.backlog("a") == 3 == len(list((p.tmp_path / "segments").glob("*.mcap")))
     p.computing.carry_out()
     assert numbers(p.sink.outcomes, refused=False) == [("a", 0), ("a", 6), ("a", 7)]
     assert [o.index for o in p.sink.outcomes] == list(range(8)) and sum(lane.shed for lane in p.lanes.all()) == 5
@@ -119,7 +122,7 @@ def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_
     assert "more windows of the asset waited" in record["reason"] and record["faults"][0]["kind"] == SHED
     assert p.lanes.of("a").counts.windows == {"good": 3, "repaired": 0, "degraded": 0, "refused": 5}
     assert p.store.asset("a").fault_totals[SHED, "all", "refused"] == (5, 5)
-    assert not p.life.waiting("a") and not list((p.tmp_path / "waiting").glob("*.mcap"))
+    assert not p.life.waiting("a") and not list((p.tmp_path / "segments").glob("*.mcap"))
 
 
 def test_an_asset_that_floods_costs_no_other_a_window(parts):
@@ -153,7 +156,7 @@ def test_windows_wait_in_memory_within_a_bound_and_keep_their_order_and_place(pa
         p.add("a", number)
     assert p.spool.unstored_from_ns("a") == 10**18 and p.spool.held_bytes <= 110 * KB
     assert p.lanes.backlog("a") == 0 and p.life.waiting("a") == () and "disk full" in p.storage.reason
-    assert not list((p.tmp_path / "waiting").glob("*.mcap"))  # of no transaction
+    assert not list((p.tmp_path / "segments").glob("*.mcap"))  # of no transaction
     monkeypatch.setattr(p.store, "keep", keep)
     assert not p.spool.retry()  # not yet
     p.clock[0] += 100
@@ -234,11 +237,11 @@ def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts,
 
 
 def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_took_its_folder(store, tmp_path):
-    life, again = (WindowJobs(store.database, tmp_path / "waiting") for _ in range(2))
+    life, again = (WindowJobs(store.database, tmp_path / "segments") for _ in range(2))
     first, second = (each.write(closed("a", 0).segment) for each in (life, again))
     assert first.path != second.path and first.bytes == second.bytes
     assert life.add_waiting("a", second)
     first.path.write_bytes(b"torn")
     assert read_segment(life.path_of(life.waiting("a")[0])).start_ns == closed("a", 0).segment.start_ns
-    assert WindowJobs(store.database, tmp_path / "waiting").waiting("a")  # a start deletes what nothing names
-    assert list((tmp_path / "waiting").iterdir()) == [second.path]
+    assert WindowJobs(store.database, tmp_path / "segments").waiting("a")  # a start deletes what nothing names
+    assert list((tmp_path / "segments").iterdir()) == [second.path]

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 import service_fakes as fakes
+from gear_signals import meshing_window
+from segments import in_folder, keep
 
 from service.access.keys import FILE
 from service.cli import run
@@ -20,7 +22,7 @@ from service.errors import InputError, StoreError
 from service.results.alarm_store import AlarmStore
 from service.results.archive import backup, restore
 from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, DATABASE, SIGNALS, WAITING, only_service_of
+from service.results.data_folder import BASELINES, DATABASE, SEGMENTS, only_service_of
 from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.segment_file import read_segment
@@ -35,15 +37,14 @@ def fill(data, where):
     """Something of everything."""
     with SqlStore(where) as store:
         fakes.fill(store, data)
-    (data / SIGNALS / "unsw").mkdir(parents=True)
-    (data / SIGNALS / "unsw" / "00000001_1_none_k.mcap").write_bytes(b"signals")
+        keep(in_folder(store, data / SEGMENTS), "unsw", 1, meshing_window())
 
 
 def answers(data, where):
     """All that is answered of a data directory."""
     found = {}
     with SqlStore(where) as store:
-        life = WindowJobs(store.database, data / WAITING)
+        life = WindowJobs(store.database, data / SEGMENTS)
         for asset in store.assets():
             stored = store.asset(asset)
             found[asset] = [getattr(stored, part.name) for part in fields(stored)]
@@ -53,6 +54,7 @@ def answers(data, where):
                 Jobs(store.database).of(asset, kind) for kind in ("decision", "inspection", "retired")
             ]
             found[asset, "waiting"] = [read_segment(life.path_of(w)).start_ns for w in life.waiting(asset)]
+            found[asset, "signals"] = in_folder(store, data / SEGMENTS).kept(asset)
             own = BaselineStore(store.database, data / BASELINES).path(asset)
             found[asset, "baseline"] = own and own.read_bytes()
         found["alarms"] = AlarmStore(store.database).due(2)
@@ -82,7 +84,7 @@ def test_backup_brings_everything_back_also_into_the_other_kind_of_database(kind
     target = place(to, new, request)
     assert restore(tmp_path / "b.zip", new, target) == made
     assert answers(new, target) == expected
-    assert [p.name for p in (new / SIGNALS / "unsw").iterdir()] == ["00000001_1_none_k.mcap"]
+    assert [window.number for window in expected["unsw", "signals"]] == [1]
     assert not [p for p in (*data.iterdir(), *new.iterdir()) if p.name.startswith(".")]
     with SqlStore(target) as store:  # no number is given twice
         last = max(e.id for e in store.events("unsw", 0, 10_000))
@@ -99,7 +101,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
 
     def work():
         with SqlStore(where) as store:
-            life = WindowJobs(store.database, data / WAITING)
+            life = WindowJobs(store.database, data / SEGMENTS)
             index = 14
             while not stop.is_set():
                 life.add_waiting("unsw", life.write(replace(fakes.SEGMENT, span=Span(index, index + 1))))
@@ -122,12 +124,30 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
         new = tmp_path / f"new-{number}"
         restore(tmp_path / f"{number}.zip", new, new / DATABASE)
         with SqlStore(new / DATABASE) as store:
-            life = WindowJobs(store.database, new / WAITING)
+            life = WindowJobs(store.database, new / SEGMENTS)
             indices = [w.record["index"] for w in store.windows("unsw")]
             assert indices == list(range(len(indices))) and store.asset("unsw").windows == len(indices)
             told = [e.data["index"] for e in store.events("unsw", 0, 10_000) if e.kind == "window"]
             assert told == indices
             assert [read_segment(life.path_of(w)).start_ns for w in life.waiting("unsw")] in ([], [len(indices)])
+
+
+def test_a_backup_without_the_raw_signals_names_none_and_leaves_those_that_are_there(data, tmp_path):
+    fill(data, data / DATABASE)
+    expected = answers(data, data / DATABASE)
+    made, new = backup(data, data / DATABASE, tmp_path / "b.zip"), tmp_path / "new"
+    restore(tmp_path / "b.zip", new, new / DATABASE)
+    assert len(list((new / SEGMENTS).iterdir())) == 1 and made.files == 2  # of the window that waits
+    assert answers(new, new / DATABASE) == {**expected, ("unsw", "signals"): ()}
+    assert answers(data, data / DATABASE) == expected
+
+
+def test_a_backup_does_without_raw_signals_that_somebody_has_deleted(data, tmp_path):
+    fill(data, data / DATABASE)
+    with SqlStore(data / DATABASE) as store:
+        (kept,) = (file for _, file in in_folder(store, data / SEGMENTS)._named("unsw"))
+    (data / SEGMENTS / kept).unlink()
+    backup(data, data / DATABASE, tmp_path / "b.zip", signals=True)
 
 
 def test_backup_is_restored_into_nothing_but_an_empty_place(data, tmp_path, postgresql):
@@ -216,17 +236,19 @@ def test_check_says_what_is_wrong_and_what_to_do(data, capsys):
         db.execute("UPDATE assets SET windows = windows + 1 WHERE asset = 'other'")
         db.execute("UPDATE alarm_memory SET asset = 'nobody'")
         db.commit()
-    next((data / WAITING).iterdir()).unlink()
+    for path in (data / SEGMENTS).iterdir():  # of a window that waits, and of one whose signals are kept
+        path.unlink()
     next((data / BASELINES).iterdir()).unlink()
     assert run(["check", "--data", str(data)]) == 2
     said = capsys.readouterr()
-    assert "gear-twin: 5 things are wrong" in said.err and "Traceback" not in said.err
+    assert "gear-twin: 6 things are wrong" in said.err and "Traceback" not in said.err
     for part in (
         "record of windows unsw, ",
         "numbers of assets other",
         "alarm_memory belongs to no",
         "not there",
         "baseline",
+        "the raw signals ",
     ):
         assert part in said.out
     assert said.out.count("gear-twin restore") >= 4

@@ -7,7 +7,8 @@ from service_streams import service, wait_until, write_recording
 from test_damage import hurt
 
 from service.cli import run
-from service.results.data_folder import DATABASE, WAITING
+from service.results.data_folder import DATABASE
+from service.results.window_jobs import WindowJobs
 
 
 @pytest.mark.serve_only("damages the file of SQLite")
@@ -28,7 +29,8 @@ def test_a_damaged_asset_holds_up_no_other_and_its_windows_stay_within_bounds(tm
         send(running, days[1])
         assert len(running.wait_for_windows(7, "sound")) == 7
         wait_until(lambda: "until a backup has been restored" in running.said()[1])
-        assert len(running.windows("hurt")) == 3 and len(list((data / WAITING).glob("*.mcap"))) <= 2
+        with running.store() as store:
+            assert len(running.windows("hurt")) == 3 and len(WindowJobs(store.database).waiting("hurt")) <= 2
         ready = running.get("/readyz")
         assert ready["status"] == "ready" and [row["asset"] for row in ready["stale"]] == ["hurt"]
         assert "state of hurt cannot be read from the database any more" in ready["stale"][0]["reason"]

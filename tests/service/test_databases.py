@@ -38,7 +38,7 @@ def test_jobs_of_all_kinds_wait_in_the_order_in_which_they_were_submitted(each_s
     each_store.note("unsw", [])
     jobs = Jobs(each_store.database)
     numbers = [fakes.decide(each_store, "unsw", "misalignment", "pin"), jobs.add("unsw", "oil_changed", {"by": "Anna"})]
-    life = WindowJobs(each_store.database, tmp_path / "waiting")
+    life = WindowJobs(each_store.database, tmp_path / "segments")
     assert life.add_waiting("unsw", life.write(fakes.SEGMENT))
     numbers += [fakes.inspect(each_store, "unsw", {"revolutions": 10.0}, {}), jobs.add("mill", "retired", {})]
     assert [job.id for job in jobs.pending()] == numbers
@@ -76,7 +76,7 @@ def test_decisions_are_counted_by_what_became_of_them(each_store):
 
 
 def test_windows_that_wait_are_given_to_another_asset(each_store, tmp_path):
-    life = WindowJobs(each_store.database, tmp_path / "waiting")
+    life = WindowJobs(each_store.database, tmp_path / "segments")
     each_store.note("unsw", [])
     assert life.add_waiting("unsw", life.write(fakes.SEGMENT))
     life.give_waiting("unsw", "other")

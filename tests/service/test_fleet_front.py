@@ -253,7 +253,7 @@ def test_a_front_end_says_what_of_the_fleet_is_served(ask):
     assert "gear_twin_fleet_partitions 3.0" in said and "gear_twin_fleet_partitions_served 1.0" in said
     assert 'gear_twin_fleet_assets{level="' in said
     wait_until(lambda: "gear_twin_network_connected 1.0" in ask.get("/metrics").text)
-    assert folder_of(number) in str(next(data_of(ask.process).glob("p*/signals")))
+    assert folder_of(number) in str(next(data_of(ask.process).glob("p*/segments")))
 
 
 def test_a_front_end_outlives_its_database(tmp_path, postgresql_server, fleet):

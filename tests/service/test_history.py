@@ -170,7 +170,7 @@ def statements_of_a_start(folder, assets):
             rigs = Rigs(store, board, GivenRigs())
             rig_of = partial(rigs.of, offered=None)
             lanes = lanes_of(lambda asset: rig_of(asset, stored=known.get(asset)))
-            restore(lanes, store, WindowJobs(store.database, folder / "waiting"), known)
+            restore(lanes, store, WindowJobs(store.database, folder / "segments"), known)
         finally:
             event.remove(Engine, "before_cursor_execute", count)
         assert all(board.get(f"machine-{n}").rig == {"name": "a"} for n in range(assets))

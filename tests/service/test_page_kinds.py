@@ -8,19 +8,15 @@ import pytest
 import service_fakes as fakes
 from gear_signals import START, meshing_window
 from machines import MODULATION, NOT_GIVEN, SUDDEN, show_machine, show_waiting
-from segments import keep
+from segments import in_folder, keep
 
-from service.results.signal_store import SignalStore
 from service.results.snapshot import Waiting
 from twin.windows import Window
 
 
 @pytest.fixture
-def signals(tmp_path):
-    """The windows of `encoders`: two encoders alone, on a machine whose teeth nobody knows."""
-    kept = SignalStore(tmp_path / "signals", 2**28)
-    keep(kept, "encoders", 0, Window(start_time_ns=START, encoders=meshing_window().encoders))
-    return kept
+def signals(store, tmp_path):
+    return in_folder(store, tmp_path / "segments")
 
 
 def shown(page, kind, view=""):
@@ -79,8 +75,9 @@ def test_machine_without_a_model_says_why_once_and_lists_its_sidebands(open_page
 
 
 @pytest.mark.slow
-def test_encoders_alone_have_a_signal_to_look_at_first(open_page, store, board):
+def test_encoders_alone_have_a_signal_to_look_at_first(open_page, store, board, signals):
     show_machine(store, board, "encoders")
+    keep(signals, "encoders", 0, Window(start_time_ns=START, encoders=meshing_window().encoders))
     page = open_page("/#/asset/encoders/signals")
     page.wait_for_selector("#signal[data-points]:not([data-points='0'])")
     assert "Waveform of encoder" in page.inner_text("main")

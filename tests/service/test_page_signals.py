@@ -7,10 +7,8 @@ import re
 import pytest
 import service_fakes as fakes
 from gear_signals import MESH, RIG, Z1, meshing_window
-from segments import keep
+from segments import in_folder, keep
 from test_page import painted, points
-
-from service.results.signal_store import SignalStore
 
 KEPT = range(6)
 SIGNALS = "/#/asset/unsw/signals"
@@ -18,18 +16,17 @@ SIGNALS = "/#/asset/unsw/signals"
 
 @pytest.fixture
 def signals(store, board, tmp_path):
-    kept = SignalStore(tmp_path / "signals", 2**30)
-    for index in KEPT:
-        keep(kept, "unsw", index, meshing_window(index), revolutions=100.0 * index, found=index == 3)
-    return kept
+    return in_folder(store, tmp_path / "segments")
 
 
 @pytest.fixture
-def opened(open_page, store, board):
+def opened(open_page, store, board, signals):
     """Opens the view at a part of its address."""
     fakes.campaign(store, board, windows=6)
     store.keep_rig("unsw", RIG)
     board.update("unsw", rig=RIG)
+    for index in KEPT:
+        keep(signals, "unsw", index, meshing_window(index), revolutions=100.0 * index, found=index == 3)
 
     def open_at(path="", **given):
         page = open_page(f"{SIGNALS}{path}", **given)
@@ -187,8 +184,9 @@ def test_a_new_window_is_followed_where_the_newest_is_shown(opened, store, board
     page = opened()
     settled(page)
     page.wait_for_selector("#link[data-state=live]")
-    keep(signals, "unsw", 6, meshing_window(6), revolutions=600.0)
-    fakes.take(store, board, "unsw", 6, 600.0)
+    with store.database.transaction():
+        fakes.take(store, board, "unsw", 6, 600.0)
+        keep(signals, "unsw", 6, meshing_window(6))
     page.wait_for_function("document.querySelector('.which').textContent.includes('window 6 ')")
 
 

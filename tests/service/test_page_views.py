@@ -15,14 +15,13 @@ from browsers import under_policy
 from conftest import serving
 from gear_signals import RIG, meshing_window
 from machines import KINDS, WAITING, show_machine, show_waiting
-from segments import keep
+from segments import in_folder, keep
 from test_alarms import CRACKED, NEAR, WORN
 from test_health import report_of
 from test_page_access import findings
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
-from service.results.signal_store import SignalStore
 from service.results.sql_store import SqlStore
 
 pytestmark = pytest.mark.slow
@@ -42,7 +41,7 @@ def plant(tmp_path_factory):
     """The address of a service with a machine of each kind, with kept signals and alarms."""
     folder = tmp_path_factory.mktemp("plant")
     with SqlStore(folder / "twin.sqlite") as store:
-        board, kept = fakes.WrittenTable(store), SignalStore(folder / "signals", 2**30)
+        board, kept = fakes.WrittenTable(store), in_folder(store, folder / "segments")
         alarms = AlarmKeeper(AlarmStore(store.database))
         for kind in KINDS:
             show_machine(store, board, kind)

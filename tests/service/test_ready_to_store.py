@@ -16,7 +16,7 @@ from service_streams import Service, wait_until, write_recording
 from service.errors import StorageUnavailable
 from service.json_text import plain
 from service.results import backends, claims
-from service.results.data_folder import DATABASE, WAITING
+from service.results.data_folder import DATABASE, SEGMENTS
 from service.results.sql_store import SqlStore
 from service.results.storage_faults import is_away
 from service.runtime.assess import assess
@@ -107,7 +107,7 @@ def test_a_file_that_is_taken_away_makes_a_service_unready_until_it_is_back(tmp_
 def test_a_folder_of_windows_that_cannot_be_written_makes_an_idle_service_unready(tmp_path):
     """It was seen with the next window, which had been sent to a service that said that it was ready."""
     with started(tmp_path) as running:
-        folder = tmp_path / WAITING
+        folder = tmp_path / SEGMENTS
         folder.rename(tmp_path / "away")
         wait_until(lambda: not running.ready(), TOLD)
         stays_unready(running)

@@ -154,8 +154,8 @@ def test_file_does_not_grow_with_the_history(tmp_path):
 
 
 @pytest.mark.slow
-def test_job_deletes_what_is_old_and_ends(long):
-    job = RetentionJob(long, RETENTION, pause=0.05)
+def test_job_deletes_what_is_old_and_ends(long, tmp_path):
+    job = RetentionJob(long, RETENTION, tmp_path, pause=0.05)
     job.start()
     end = time.monotonic() + 30
     try:

@@ -24,9 +24,11 @@ from sqlalchemy.engine import Engine
 from service.errors import StorageUnavailable
 from service.json_text import plain
 from service.results import window_jobs
+from service.results.data_folder import SEGMENTS
 from service.results.database import Database
 from service.results.jobs import WINDOW
 from service.results.schema import JOBS
+from service.results.schema import WINDOWS as WINDOW_ROWS
 from service.results.sql_store import SqlStore
 from service.runtime import storage_watch
 from service.runtime.assess import assess
@@ -283,6 +285,8 @@ def check(seed, data, frames, windows):
         shown, read = table.get(ASSET), again.get(ASSET)
         for part in ("records", "report", "alarms", "question", "label", "windows_total", "updates", "last_event_id"):
             assert getattr(shown, part) == getattr(read, part), (what, part)
-        assert not service.kept.windows.waiting(ASSET) and not list((data / "waiting").glob("*")), what
+        named = {row[0] for row in store.database.rows(select(WINDOW_ROWS.c.segment))}
+        assert not service.kept.windows.waiting(ASSET), what
+        assert {path.name for path in (data / SEGMENTS).iterdir()} == named and len(named) == len(windows), what
     finally:
         service.end()

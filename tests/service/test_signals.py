@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import service_fakes as fakes
 from gear_signals import ERROR, MESH, RIG, RUN_OUT, SIDEBAND, SPEED, Z1, Z2, meshing_window
-from segments import keep
+from segments import in_folder, keep
 from test_api import Client
 
 from service.api import create_app
-from service.results.signal_store import SignalStore
 from service.signals.subject import Subject
 from service.signals.view import Axis, Series, View, ViewOptions, as_json, extremes, peaks, rounded
 from service.signals.views import VIEWS
@@ -32,7 +31,7 @@ def client(store, board, tmp_path):
     fakes.campaign(store, board, windows=6)
     store.keep_rig("unsw", RIG)
     board.update("unsw", rig=RIG)
-    signals = SignalStore(tmp_path / "signals", 2**30)
+    signals = in_folder(store, tmp_path / "segments")
     for index in KEPT:
         keep(signals, "unsw", index, meshing_window(index), revolutions=100.0 * index)
     return Client(create_app(board, store, signals=signals))
@@ -260,7 +259,7 @@ def test_the_waterfall_has_one_row_a_window_with_the_mesh_line_in_each(client):
 def test_windows_of_different_speed_share_no_marker_in_hertz(store, board, tmp_path):
     fakes.campaign(store, board, windows=3)
     board.update("unsw", rig=RIG)
-    signals = SignalStore(tmp_path / "signals", 2**30)
+    signals = in_folder(store, tmp_path / "segments")
     keep(signals, "unsw", 0, meshing_window(0))
     keep(signals, "unsw", 1, meshing_window(1, run_up=0.3))
     client = Client(create_app(board, store, signals=signals))

@@ -15,7 +15,7 @@ from test_decisions import post
 from test_other_parts import serving
 
 from service.json_text import plain
-from service.results.data_folder import SIGNALS, WAITING
+from service.results.data_folder import SEGMENTS
 from service.results.window_jobs import WindowJobs
 from service.runtime.assess import assess
 from service.runtime.replay import replay
@@ -29,9 +29,9 @@ def recording(tmp_path_factory):
 
 
 def waiting(running):
-    """The windows that wait by the database, of a service that has ended."""
+    """The windows that wait by the database."""
     with running.store() as store:
-        return WindowJobs(store.database, running.folder / WAITING).waiting("unsw")
+        return WindowJobs(store.database).waiting("unsw")
 
 
 @pytest.mark.slow
@@ -40,13 +40,13 @@ def test_windows_that_had_closed_are_processed_after_a_kill_without_being_sent_a
     running = Service(tmp_path, slow=30.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / SEGMENTS).glob("*.mcap"))) == WINDOWS)
         running.end(signal.SIGKILL)
         assert [w.start_ns for w in waiting(running)] == sorted(w.start_ns for w in waiting(running))
         running.slow = 0.0
         running.start()
         assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-        wait_until(lambda: not list((running.folder / WAITING).iterdir()))
+        assert waiting(running) == ()
         replay(recording, [running.endpoint], 0)  # all of it is known
         time.sleep(1.0)
         assert len(running.windows()) == WINDOWS
@@ -60,9 +60,9 @@ def test_a_window_whose_file_is_damaged_is_refused_and_counted_and_the_others_go
     running = Service(tmp_path, slow=30.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / SEGMENTS).glob("*.mcap"))) == WINDOWS)
         running.end(signal.SIGKILL)
-        for cut in sorted((running.folder / WAITING).glob("*.mcap"))[1:3]:
+        for cut in sorted((running.folder / SEGMENTS).glob("*.mcap"))[1:3]:
             cut.write_bytes(cut.read_bytes()[:500])
         running.slow = 0.0
         running.start()
@@ -90,7 +90,7 @@ def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tm
     )  # fmt: skip
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         replay(slow, (), 0, publish_to=network.open_publisher)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / SEGMENTS).glob("*.mcap"))) == WINDOWS)
         began = time.monotonic()
         replay(write_recording(tmp_path / "b.mcap", WINDOWS), (), 0, publish_to=network.open_publisher)
         assert len(running.wait_for_windows(WINDOWS)) == WINDOWS
@@ -105,11 +105,11 @@ def test_raw_signals_are_written_once_the_file_that_waited_becomes_the_one_that_
     running = Service(tmp_path, slow=1.0).start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) >= 3)
-        waited = {f.stat().st_ino for f in (running.folder / WAITING).glob("*.mcap")}
+        wait_until(lambda: len(waiting(running)) >= 3)
+        waited = {f.stat().st_ino for f in (running.folder / SEGMENTS).glob("*.mcap")}
         running.wait_for_windows(WINDOWS)
-        wait_until(lambda: len(list((running.folder / SIGNALS / "unsw").iterdir())) == WINDOWS)
-        assert waited <= {f.stat().st_ino for f in (running.folder / SIGNALS / "unsw").iterdir()}
+        assert waited <= {f.stat().st_ino for f in (running.folder / SEGMENTS).iterdir()}
+        assert len(running.get("/v1/assets/unsw/signals")["windows"]) == WINDOWS
         assert running.get("/v1/assets/unsw/windows/4/signals/waveform") is not None
     finally:
         running.end(signal.SIGKILL)

@@ -15,7 +15,7 @@ from service_streams import Service, wait_until, write_recording
 from service.cli import run
 from service.errors import SteppedBack
 from service.json_text import plain
-from service.results.data_folder import DATABASE, WAITING
+from service.results.data_folder import DATABASE, SEGMENTS
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
@@ -92,7 +92,7 @@ def killed_with_windows_that_wait(running, recording, done):
     replay(recording, [running.endpoint], 0)
     running.wait_for_windows(done)
     running.end(signal.SIGKILL)
-    assert len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS - done
+    assert len(list((running.folder / SEGMENTS).glob("*.mcap"))) == WINDOWS - done
 
 
 def position(running):
@@ -105,35 +105,55 @@ def said(running):
     return [line for line in running.said()[1].splitlines() if "the database is older than" in line]
 
 
+def put_back(running, recording, database, expected):
+    """Puts the database back to when two windows were processed, after all were; the position before that."""
+    replay(recording, [running.endpoint], 0)
+    running.wait_for_windows(2)
+    if not database.while_it_runs:
+        running.end(signal.SIGKILL)
+    database.copy()
+    if not database.while_it_runs:
+        running.start()
+    assert running.wait_for_windows(WINDOWS) == expected and said(running) == []
+    wait_until(lambda: position(running)["backlog"] == 0)
+    before = position(running)
+    running.end(signal.SIGKILL)
+    database.put_back(running)
+    running.slow = 0.0
+    running.start()
+    return before
+
+
 @pytest.mark.slow
 def test_windows_that_a_database_put_back_does_not_have_are_stored_when_they_are_sent_again(
     tmp_path, recording, database
 ):
     """They were refused for good, as their files had gone when they were processed, and a repeat was left out."""
     expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-    running = Service(tmp_path, slow=1.0, **database.settings).start()
+    running = Service(tmp_path, slow=1.0, SIGNAL_BYTES="0", **database.settings).start()
     try:
-        replay(recording, [running.endpoint], 0)
-        running.wait_for_windows(2)
-        if not database.while_it_runs:
-            running.end(signal.SIGKILL)
-        database.copy()
-        if not database.while_it_runs:
-            running.start()
-        assert running.wait_for_windows(WINDOWS) == expected and said(running) == []
-        wait_until(lambda: position(running)["backlog"] == 0)
-        before = position(running)
-        running.end(signal.SIGKILL)
-
-        database.put_back(running)
-        running.slow = 0.0
-        running.start()
+        before = put_back(running, recording, database, expected)
         (line,) = said(running)
         assert "unsw: " in line and "from 2023-11-14T22:15:20" in line and f"on, {WINDOWS - 2} windows" in line
         assert running.windows() == expected[:2]
         replay(recording, [running.endpoint], 0)
         assert running.wait_for_windows(WINDOWS) == expected
         wait_until(lambda: position(running) == before)
+    finally:
+        running.end(signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_windows_that_a_database_put_back_does_not_have_are_stored_at_once_where_their_signals_are_kept(
+    tmp_path, recording, database
+):
+    expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
+    running = Service(tmp_path, slow=1.0, **database.settings).start()
+    try:
+        before = put_back(running, recording, database, expected)
+        assert running.wait_for_windows(WINDOWS) == expected and said(running) == []
+        wait_until(lambda: position(running) == before)
+        assert len(running.get("/v1/assets/unsw/signals")["windows"]) == WINDOWS
     finally:
         running.end(signal.SIGKILL)
 
@@ -191,7 +211,7 @@ def test_an_asset_of_which_nothing_was_committed_begins_anew(tmp_path, recording
     running = Service(tmp_path, slow=30.0).start()
     try:
         killed_with_windows_that_wait(running, recording, 0)
-        for path in (running.folder / WAITING).glob("*.mcap"):
+        for path in (running.folder / SEGMENTS).glob("*.mcap"):
             path.unlink()
         running.slow = 0.0
         running.start()
@@ -209,7 +229,7 @@ def test_windows_before_the_first_without_a_file_are_processed_and_those_behind_
     running = Service(tmp_path, slow=30.0).start()
     try:
         killed_with_windows_that_wait(running, recording, 0)
-        sorted((running.folder / WAITING).glob("*.mcap"))[2].unlink()
+        sorted((running.folder / SEGMENTS).glob("*.mcap"))[2].unlink()
         running.slow = 0.0
         running.start()
         assert f"{WINDOWS - 2} windows" in said(running)[0]

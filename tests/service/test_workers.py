@@ -19,7 +19,7 @@ from segments import segment_of
 from service_streams import HERE, Service, wait_until, write_recording
 
 from service.json_text import JsonText, plain
-from service.results.data_folder import SIGNALS, WAITING
+from service.results.data_folder import SEGMENTS
 from service.results.json_columns import dump, load, load_text
 from service.results.segment_file import write_segment
 from service.runtime.assess import assess
@@ -368,7 +368,7 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
     running = Workers(tmp_path / "data", WORKERS="1").start()
     try:
         replay(recording, [running.endpoint], 0)
-        wait_until(lambda: len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS)
+        wait_until(lambda: len(list((running.folder / SEGMENTS).glob("*.mcap"))) == WINDOWS)
         wait_until(mark.exists)
         wait_until(lambda: "gear_twin_workers_busy 1.0" in running.text("/metrics"))
         started = children(running.process.pid)
@@ -378,7 +378,7 @@ def test_a_service_ends_in_time_whatever_its_workers_do_and_goes_on_with_their_w
         status, _, complained = running.end(how)
         assert (status, complained) == (0, "") and time.monotonic() - began < 10
         wait_until(lambda: not alive(started), 10.0)
-        assert len(list((running.folder / WAITING).glob("*.mcap"))) == WINDOWS
+        assert len(list((running.folder / SEGMENTS).glob("*.mcap"))) == WINDOWS
     finally:
         running.end(signal.SIGKILL)
 
@@ -424,6 +424,6 @@ def test_a_window_that_ends_its_worker_is_refused_and_the_others_are_not(tmp_pat
         assert all(w["reason"] == "internal error: ended its worker process, 2 times" for w in windows)
         assert [w["quality"] for w in running.wait_for_windows(WINDOWS, "other")] == ["good"] * WINDOWS
         wait_until(lambda: "gear_twin_program_faults_total 2.0" in running.text("/metrics"))
-        wait_until(lambda: len(list((running.folder / SIGNALS / "unsw").iterdir())) == 2)  # to be looked into
+        assert len(running.get("/v1/assets/unsw/signals")["windows"]) == 2  # to be looked into
     finally:
         running.end(signal.SIGKILL)

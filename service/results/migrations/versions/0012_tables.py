@@ -6,7 +6,7 @@ from alembic import op
 
 from service.results.schema import METADATA
 
-revision = "0011"
+revision = "0012"
 down_revision = None
 
 
