@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -254,14 +255,25 @@ def test_each_asset_has_its_own_bound(loop):
     assert small.signals.indices("press") == small.signals.indices("Press") == (2,)
 
 
-def test_several_processes_commit_with_no_memory_of_what_is_kept(where, tmp_path):
-    with SqlStore(where) as one, SqlStore(where) as other:
+def test_several_processes_commit_at_the_same_time_with_no_memory_of_what_is_kept(where, tmp_path):
+    with SqlStore(where) as one, SqlStore(where) as other, ThreadPoolExecutor(2) as at_once:
         size = Loop(one, tmp_path / "scratch").waits(window(), "other").bytes
         loops = [Loop(store, tmp_path / "segments", 8 * size) for store in (one, other)]
-        for number in range(40):
-            loops[number % 2].commit(number)
+        loops[0].commit(0)
+
+        def commit_some(place):
+            for number in range(1 + place, 41, 2):
+                loops[place].commit(number)
+
+        assert list(at_once.map(commit_some, (0, 1))) == [None, None]
         for each in loops:
             assert len(each.signals.kept("unsw")) == 8 and each.files == each.named
+
+
+def test_whoever_does_not_see_the_files_says_that_none_are_kept(loop, tmp_path):
+    loop.commit(0)
+    elsewhere = in_folder(loop.store, tmp_path / "elsewhere")
+    assert elsewhere.kept("unsw") == () and loop.signals.indices("unsw") == (0,)
 
 
 def test_a_start_deletes_what_no_row_names_and_nothing_else(loop):
