@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import bindparam, func, select, update
 
@@ -76,14 +75,23 @@ class KeptSignals:
         return tuple(w.number for w in self.kept(asset))
 
     def window(self, asset: str, index: int, rig: Rig, make: Making = window_of) -> Window:
-        """One window, made once more from its frames, by the rig as it is now; NotKept."""
-        row = self._row(asset, index)
-        before = salvage(row.before, f"window {index} of {asset}") or {}
-        return make(self._read(asset, index, row.segment), rig, EncoderCounts.from_dict(before)).window
-
-    def segment(self, asset: str, index: int) -> Segment:
-        """The frames of one window; NotKept, which says what is kept, where it is not there."""
-        return self._read(asset, index, self._row(asset, index).segment)
+        """One window, made once more from its frames, by the rig as it is now; NotKept, which says what is kept, where
+        they are not there.
+        """
+        rows = self._database.rows(_ONE, {"of": asset, "at": index})
+        if not rows:
+            raise NotKept(f"the raw signals of window {index} are not kept; {self._listed(asset)}")
+        file, before = rows[0]
+        try:
+            segment = read_segment(self._folder(asset) / file)
+        except FileNotFoundError:
+            raise NotKept(f"the raw signals of window {index} have been deleted") from None
+        except (OSError, ValueError) as error:
+            raise NotKept(
+                f"the raw signals of window {index} cannot be read: {file} is damaged ({type(error).__name__}: {error})"
+            ) from error
+        counts = EncoderCounts.from_dict(salvage(before, f"window {index} of {asset}") or {})
+        return make(segment, rig, counts).window
 
     # -- within --------------------------------------------------------------------------------------
 
@@ -99,22 +107,6 @@ class KeptSignals:
             )
             for number, start_ns, revolutions, size, found, refused, file in self._database.rows(_KEPT, {"of": asset})
         ]  # fmt: skip
-
-    def _row(self, asset: str, index: int) -> Any:
-        rows = self._database.rows(_ONE, {"of": asset, "at": index})
-        if not rows:
-            raise NotKept(f"the raw signals of window {index} are not kept; {self._listed(asset)}")
-        return rows[0]
-
-    def _read(self, asset: str, index: int, file: str) -> Segment:
-        try:
-            return read_segment(self._folder(asset) / file)
-        except FileNotFoundError:
-            raise NotKept(f"the raw signals of window {index} have been deleted") from None
-        except (OSError, ValueError) as error:
-            raise NotKept(
-                f"the raw signals of window {index} cannot be read: {file} is damaged ({type(error).__name__}: {error})"
-            ) from error
 
     def _listed(self, asset: str) -> str:
         indices = self.indices(asset)

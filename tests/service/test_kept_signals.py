@@ -26,6 +26,7 @@ from service.results.window_jobs import WindowJobs
 from service.runtime.commits import Commits
 from service.runtime.outcomes import Outcome
 from service.runtime.retention_job import RetentionJob
+from service.stream.window import laid_out
 from twin.rig import Rig
 from twin.windows import Edges, Fault, Samples, SlowValue, Window
 
@@ -94,7 +95,7 @@ def test_a_window_comes_back_exactly_as_it_was_also_after_a_restart(loop):
     lost.accelerations["y6"].values[17:20] = np.nan
     loop.commit(3, lost, record={"revolutions": 4095.25})
     again = Loop(loop.store, loop.folder).signals
-    assert same(made(again.segment("unsw", 3)), made(segment_of(lost)))
+    assert same(again.window("unsw", 3, None, laid_out), made(segment_of(lost)))
     (kept,) = again.kept("unsw")
     assert (kept.number, kept.start_ns, kept.revolutions) == (3, lost.start_time_ns, 4095.25)
     assert kept.bytes == sum(p.stat().st_size for p in loop.folder.iterdir())
@@ -121,17 +122,17 @@ def test_a_kept_window_is_made_again_with_what_its_making_took_from_the_window_b
 
 def test_a_window_that_is_not_kept_says_which_are(loop):
     with pytest.raises(NotKept, match="none of this asset's windows are kept"):
-        loop.signals.segment("unsw", 0)
+        loop.signals.window("unsw", 0, None, laid_out)
     loop.commit(4)
     with pytest.raises(NotKept, match=r"window 0 are not kept; kept are 4$"):
-        loop.signals.segment("unsw", 0)
+        loop.signals.window("unsw", 0, None, laid_out)
     (path,) = loop.folder.iterdir()
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(NotKept, match="is damaged"):
-        loop.signals.segment("unsw", 4)
+        loop.signals.window("unsw", 4, None, laid_out)
     path.unlink()
     with pytest.raises(NotKept, match="window 4 have been deleted"):
-        loop.signals.segment("unsw", 4)
+        loop.signals.window("unsw", 4, None, laid_out)
     assert loop.signals.indices("unsw") == ()
 
 
@@ -293,7 +294,7 @@ def test_a_database_that_steps_back_names_files_that_are_gone_and_the_others_go_
     again = Loop(store, loop.folder)
     assert len(again.files) == 1 and again.signals.indices("unsw") == (0,)
     with pytest.raises(NotKept, match="window 1 have been deleted"):
-        again.signals.segment("unsw", 1)
+        again.signals.window("unsw", 1, None, laid_out)
 
 
 RETENTION = Retention(whole_days=10, every=4, days=100, events=1000)
@@ -365,7 +366,7 @@ def test_a_killed_process_leaves_whole_windows_only(tmp_path):
         loop = Loop(store, tmp_path / "segments")
         assert set(range(6)) <= set(loop.signals.indices("unsw"))
         for number in loop.signals.indices("unsw"):
-            assert same(made(loop.signals.segment("unsw", number)), made(segment_of(window(number, 40_000))))
+            assert same(loop.signals.window("unsw", number, None, laid_out), made(segment_of(window(number, 40_000))))
 
 
 @pytest.mark.slow
