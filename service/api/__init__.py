@@ -35,6 +35,7 @@ from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.kept_signals import KeptSignals
 from service.results.names import Names
+from service.results.offers import Offers
 from service.results.sql_store import SqlStore
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def create_app(
     app.state.health = health or Health()
     app.state.library = None if signals is None else _library(signals, store, table)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
-    app.state.names = Names(store.database)
+    app.state.names, app.state.offers = Names(store.database), Offers(store.database)
     app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
     app.state.unserved = unserved
     app.state.incoming = incoming or incoming_routes.Incoming()
@@ -103,10 +104,15 @@ def create_app(
     app.state.access = admitted = access or Access()
     app.state.audit = log = audit or AuditLog(store.database)
     counts: Counter[str] = Counter()
+
+    def figures_of_all() -> collector.Figures:
+        own = (figures, app.state.offers.figures, admitted.figures, log.figures)
+        return {name: value for part in own for name, value in part().items()} | {"http_refused": dict(counts)}
+
     app.state.registry = collector.registry(
         table,
         app.state.queue.jobs,
-        lambda: {**figures(), **admitted.figures(), **log.figures(), "http_refused": dict(counts)},
+        figures_of_all,
         labelled_assets,
     )
     problems.install(app)

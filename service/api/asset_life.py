@@ -57,6 +57,7 @@ def begin_asset(
         store.note(asset, [("change", {"kind": kind, "by": signed, "note": note})])
         if rig is not None:
             store.keep_rig(asset, rig)
+            request.app.state.offers.end(asset)  # whoever receives another one offers it again
         table.write(Snapshot(asset=asset, rig=rig, last_event_id=store.last_event_id(asset)).with_whole())
 
     try:

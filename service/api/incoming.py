@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -19,9 +20,9 @@ from service.api.problems import problem, responses
 from service.contract.base import AnswerModel, iso_time
 from service.contract.position import PositionModel, not_connected
 from service.contract.rest import AssetSummary
-from service.files.rig_difference import digest_of
-from service.results.rig_proposals import ProposalList, RigProposals
-from service.results.unknown_assets import Unknown, UnknownAssets, UnknownList
+from service.results.offers import Offers
+from service.results.unknown_assets import Unknown
+from service.steady_clock import later_time_ns
 
 router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
 
@@ -30,14 +31,12 @@ router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
 class Incoming:
     """What the app knows of the network's side.
 
+    asks      whether an unknown asset waits for a person
     position  how far a stream is stored, as it was published last
-    propose   makes a rig file that was offered for an asset a proposal, where it is another one
     """
 
-    unknown: UnknownList = field(default_factory=UnknownAssets)
-    proposals: ProposalList = field(default_factory=RigProposals)
+    asks: bool = False
     position: Callable[[str], PositionModel] = not_connected
-    propose: Callable[[str, Mapping[str, Any]], None] = lambda asset, rig: None
 
 
 class UnknownAsset(AnswerModel):
@@ -59,7 +58,7 @@ class Unknowns(AnswerModel):
     asks: bool = Field(description="whether an unknown asset waits for a person; else its first frame makes it one")
     frames: int = Field(description="frames of unknown assets that were left out since the start")
     forgotten: int = Field(description="unknown assets that were not listed any more for want of room")
-    assets: list[UnknownAsset] = Field(description="the busiest first; kept in memory, not over a restart")
+    assets: list[UnknownAsset] = Field(description="the busiest first")
 
 
 class Reason(BaseModel):
@@ -89,13 +88,13 @@ class Dismissed(AnswerModel):
 @needs(Role.read)
 async def unknown_assets(request: Request) -> Any:
     """The assets that are not known, and wait to be adopted."""
-    unknown = _unknown(request)
+    offers = offers_of(request)
 
     def answer() -> JSONResponse:
-        found = [_shown(each) for each in unknown.listed()]
-        return JSONResponse(
-            {"asks": unknown.asks, "frames": unknown.frames, "forgotten": unknown.forgotten, "assets": found}
-        )
+        frames, forgotten = offers.left_out()
+        found = [_shown(each) for each in offers.unknown()]
+        asks = request.app.state.incoming.asks
+        return JSONResponse({"asks": asks, "frames": frames, "forgotten": forgotten, "assets": found})
 
     return await run_in_threadpool(answer)
 
@@ -109,29 +108,27 @@ async def unknown_assets(request: Request) -> Any:
 @needs(Role.administer)
 def adopt(request: Request, asset: str, given: Adoption) -> Any:
     """Makes an unknown asset one of this service's: its frames are used from now on."""
-    found = _unknown(request).find(asset)
+    found = offers_of(request).find(asset)
     if request.app.state.table.find(asset) is None and found is None:
         return _not_listed(request, asset)
     offered = None if found is None else found.rig
-    if given.rig is not None and (offered is None or digest_of(offered) != given.rig):
-        now = "none is" if offered is None else f"{digest_of(offered)} is now"
+    digest = None if found is None else found.digest
+    if given.rig not in (None, digest):
+        now = "none is" if digest is None else f"{digest} is now"
         return problem(request, 409, f"the rig file {given.rig} is not offered for {asset}: {now}")
-    answer = begin_asset(request, "adopted", asset, offered if given.rig else None, given.by, given.note)
-    if answer.status_code == 201 and offered is not None and given.rig is None:
-        request.app.state.incoming.propose(asset, offered)
-    return answer
+    return begin_asset(request, "adopted", asset, offered if given.rig else None, given.by, given.note)
 
 
 @router.post("/unknown-assets/{asset}/dismiss", response_model=Dismissed, responses=responses(400, 404, 422))
 @needs(Role.administer)
 def dismiss(request: Request, asset: str, given: Reason) -> Any:
     """Takes an unknown asset off the list; it is not listed again for the time that the list keeps an entry."""
-    unknown = _unknown(request)
-    found = unknown.find(asset)
+    offers = offers_of(request)
+    found = offers.find(asset)
     if found is None:
         return _not_listed(request, asset)
-    what = {"frames": found.frames}
-    audited(request, "unknown asset dismissed", asset, lambda: unknown.dismiss(asset), note=given.note, what=what)
+    what, dismissed = {"frames": found.frames}, partial(offers.dismiss, asset, later_time_ns())
+    audited(request, "unknown asset dismissed", asset, dismissed, note=given.note, what=what)
     return JSONResponse({"asset": asset})
 
 
@@ -140,18 +137,19 @@ def dismiss(request: Request, asset: str, given: Reason) -> Any:
 def position(request: Request, asset: str) -> Any:
     """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
     incoming: Incoming = request.app.state.incoming
-    if incoming.unknown.find(asset) is None and request.app.state.names.is_free(asset):
+    if offers_of(request).find(asset) is None and request.app.state.names.is_free(asset):
         return _not_listed(request, asset)
     return JSONResponse(incoming.position(asset).model_dump(mode="json"))
 
 
-def _unknown(request: Request) -> UnknownList:
-    unknown: UnknownList = request.app.state.incoming.unknown
-    return unknown
+def offers_of(request: Request) -> Offers:
+    """The table of what waits for people."""
+    offers: Offers = request.app.state.offers
+    return offers
 
 
 def _not_listed(request: Request, asset: str) -> JSONResponse:
-    names = [each.asset for each in _unknown(request).listed()]
+    names = [each.asset for each in offers_of(request).unknown()]
     listed = ", ".join(names) or "none"
     detail = (
         f"no frame of {asset!r} has come: unknown assets are {listed}; "
@@ -168,6 +166,6 @@ def _shown(each: Unknown) -> dict[str, Any]:
         "frames": each.frames,
         "channels": sorted(each.channels),
         "rig": each.rig is not None,
-        "rig_digest": None if each.rig is None else digest_of(each.rig),
+        "rig_digest": each.digest,
         "rig_name": None if each.rig is None or each.rig.get("name") is None else str(each.rig["name"]),
     }

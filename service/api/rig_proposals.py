@@ -16,13 +16,14 @@ from service.api.asset_life import answer_change, signed
 from service.api.assets import ERRORS
 from service.api.audit import audited
 from service.api.guard import Guarded, needs
-from service.api.incoming import Reason
+from service.api.incoming import Reason, offers_of
 from service.api.problems import problem, responses
 from service.api.reading import shown_of
 from service.contract.asset_life import AssetChange
 from service.contract.base import AnswerModel, iso_time
 from service.files.rig_difference import differences
-from service.results.rig_proposals import ACCEPTED, REJECTED, Proposal, ProposalList
+from service.results.jobs import RIG_ACCEPTED, RIG_REJECTED
+from service.results.offers import Proposal
 
 router = APIRouter(prefix="/v1", tags=["rig files"], route_class=Guarded)
 
@@ -56,7 +57,8 @@ class RigDecision(Reason):
 @needs(Role.read)
 async def rig_proposals(request: Request) -> Any:
     """The rig files that came on the stream and wait for a person, of all assets."""
-    return await run_in_threadpool(lambda: JSONResponse([_shown(request, each) for each in _proposals(request).all()]))
+    offers = offers_of(request)
+    return await run_in_threadpool(lambda: JSONResponse([_shown(request, each) for each in offers.proposals()]))
 
 
 @router.post(
@@ -69,14 +71,14 @@ async def rig_proposals(request: Request) -> Any:
 async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
     own = (await shown_of(request, asset)).asset
-    proposals, queue = _proposals(request), request.app.state.queue
-    proposal = await run_in_threadpool(lambda: proposals.find(own))
+    offers, queue = offers_of(request), request.app.state.queue
+    proposal = await run_in_threadpool(offers.proposal, own)
     if proposal is None or proposal.digest != given.digest:
         now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
         return problem(request, 409, f"{asset}: the rig file {given.digest} is not proposed; {now}")
-    kind = ACCEPTED if given.decision == "accept" else REJECTED
+    kind = RIG_ACCEPTED if given.decision == "accept" else RIG_REJECTED
     about: dict[str, Any] = {"digest": proposal.digest, **signed(request, given.by, given.note)}
-    if kind == ACCEPTED:
+    if kind == RIG_ACCEPTED:
         about["rig"] = dict(proposal.rig)
     digest, found = proposal.digest, proposal
 
@@ -88,11 +90,6 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
         return number
 
     return await answer_change(request, asset, await run_in_threadpool(kept))
-
-
-def _proposals(request: Request) -> ProposalList:
-    proposals: ProposalList = request.app.state.incoming.proposals
-    return proposals
 
 
 def _differences(request: Request, proposal: Proposal) -> list[dict[str, str | None]]:

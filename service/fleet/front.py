@@ -22,7 +22,6 @@ from service.fleet.databases import front_tables, layout_at
 from service.fleet.front_position import position_of
 from service.fleet.front_watch import FrontWatch
 from service.fleet.layout import Layout, folder_of, share_of
-from service.fleet.reported import FleetProposals, FleetUnknown
 from service.operation.health import FLEET, Health
 from service.operation.systemd import READY, STOPPING, notify
 from service.results.alarm_store import AlarmStore
@@ -125,7 +124,9 @@ def serve_front(
             audit=FrontAudit(own.store.database, settings.audit_entries),
             labelled_assets=None,
             health=health,
-            incoming=_incoming_of(settings, own),
+            incoming=Incoming(
+                asks=settings.rule_of_new_assets[0] == "ask", position=partial(position_of, own.store, own.layout)
+            ),
             unserved=own.watch.unserved,
         )
 
@@ -144,15 +145,6 @@ def serve_front(
         health.thread(FLEET, own.watch)
         server.run(sockets=[listening])
     return 0
-
-
-def _incoming_of(settings: Settings, own: FrontEnd) -> Incoming:
-    """What the workers have written of the network's side. What a worker proposes, it proposes itself."""
-    asks = settings.rule_of_new_assets[0] == "ask"
-    database = own.store.database
-    unknown = FleetUnknown(database, own.layout, asks, own.watch.of_workers)
-    position = partial(position_of, own.store, own.layout)
-    return Incoming(unknown=unknown, proposals=FleetProposals(database), position=position)
 
 
 class FrontAudit(AuditLog):

@@ -51,11 +51,7 @@ class FrontWatch(Follower):
             found["fleet_assets"] = self._table.levels()
         except StoreError:
             found["fleet_assets"] = {}
-        return found | self.of_workers()
-
-    def of_workers(self) -> dict[str, Any]:
-        """What the workers say of themselves, together."""
-        return together([partition.figures for partition in self._partitions if partition.served])
+        return found | together([partition.figures for partition in self._partitions if partition.served])
 
     def look(self) -> None:
         """Reads who serves the partitions, and whether the fleet's tables are of this release."""

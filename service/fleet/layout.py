@@ -47,14 +47,6 @@ PARTITIONS = Table(
     Column("seen_ns", BigInteger),  # when it last said that it is at work
     Column("figures", postgresql.JSONB),  # what it said
 )
-REPORTED = Table(
-    "reported",
-    METADATA,
-    Column("partition", Integer, primary_key=True, autoincrement=False),
-    Column("kind", Text, primary_key=True),  # of what waits for people: see `reported`
-    Column("asset", Text, primary_key=True),
-    Column("data", LargeBinary, nullable=False),  # JSON
-)
 CURVES = Table(
     "curves",
     METADATA,

@@ -1,17 +1,16 @@
 """A partition's worker and the front ends: what they have written is looked at as soon as they say so, by notifications
-of PostgreSQL, and what the worker alone knows is written for them.
+of PostgreSQL.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable
 
 from service.errors import StoreError
 from service.fleet.channel import Follower
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import ASSET, DISMISSED, NAMED, channel_of
+from service.fleet.notices import ASSET, NAMED, channel_of
 from service.results.job_queue import ALARM
 from service.results.job_queue import ASSET as BEGUN
 from service.runtime.worker import Kept
@@ -23,8 +22,6 @@ class Listener(Follower):
     """Wakes a partition's worker, until ended.
 
     wake     called after each notification: the worker looks at what waits
-    report   writes what waits for people, where it has changed
-    propose  makes a rig file that was offered for an asset a proposal
     streams  of the partition: read again when a name has been given that hashes to another one
     """
 
@@ -34,26 +31,23 @@ class Listener(Follower):
         partition: int,
         kept: Kept,
         wake: Callable[[], None],
-        report: Callable[[], None],
-        propose: Callable[[str, Mapping[str, Any]], None],
         streams: PartitionStreams,
     ) -> None:
         super().__init__(database, channel_of(partition), "listener")
-        self._partition, self._kept, self._wake, self._report = partition, kept, wake, report
-        self._propose, self._streams, self._names_given = propose, streams, True
+        self._partition, self._kept, self._wake = partition, kept, wake
+        self._streams, self._names_given = streams, True
 
     def begun(self) -> None:
         self._names_given = True
 
     def look(self) -> None:
-        """Finds what notifications that were lost would have said, and writes what waits for people."""
+        """Finds what notifications that were lost would have said."""
         kept = self._kept
         kept.queue.asked.set()
         try:
             self._read_names()
             for asset in kept.store.assets():
                 self._show_new(asset)
-            self._report()
         except StoreError as error:  # whoever keeps windows says it
             log.debug("what waits in partition %d is looked at later: %s", self._partition, error)
         self._wake()
@@ -73,8 +67,6 @@ class Listener(Follower):
                 self._show_new(asset)
                 if kept.table.latest(asset) is not None:
                     kept.told(ALARM, asset)  # what became of one may be what was written
-            elif what == DISMISSED:
-                kept.unknown.dismiss(asset)
             elif what == NAMED:
                 self._names_given = True
                 self._read_names()
@@ -90,7 +82,4 @@ class Listener(Follower):
         """An asset that a front end has created is one of the partition's from now on."""
         kept = self._kept
         if kept.table.latest(asset) is None and asset in kept.store.assets():
-            adopted = kept.unknown.find(asset)
             kept.told(BEGUN, asset)
-            if kept.store.asset(asset).rig is None and adopted is not None and adopted.rig is not None:
-                self._propose(asset, adopted.rig)

@@ -8,7 +8,6 @@ import sqlalchemy as sa
 from sqlalchemy import Connection
 
 ASSET = "asset"  # a front end has written something of an asset: a job, how an alarm was signed, the asset itself
-DISMISSED = "dismissed"  # an unknown asset
 NAMED = "named"  # an asset has a name that hashes to another partition than its own
 CHANGED = "gear_twin_assets"  # the channel on which front ends listen for assets whose rows have changed
 

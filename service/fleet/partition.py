@@ -21,7 +21,6 @@ from service.fleet.kept_curves import CurveWriter, StoredCurves
 from service.fleet.layout import Layout, folder_of
 from service.fleet.listener import Listener
 from service.fleet.naming import PartitionStreams
-from service.fleet.reported import Reports
 from service.fleet.searches import Searches, Submit
 from service.operation.health import FLEET, Health, Late
 from service.operation.telemetry import all_of, sending_traces
@@ -122,8 +121,7 @@ def serve_partition(
         figures = figures_of(
             *(p.figures for p in (worker, webhooks, retention, timing)), partial(database_figures, store)
         )
-        reports = Reports(store.database, kept.unknown, begun.rigs.proposals)
-        listener = Listener(database, partition, kept, worker.look, reports.write, begun.rigs.propose, streams)
+        listener = Listener(database, partition, kept, worker.look, streams)
         parts = (
             curves,
             worker,

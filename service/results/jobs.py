@@ -22,12 +22,12 @@ from typing import Any
 from sqlalchemy import Connection, Select, bindparam, func, select, text, update
 
 from service.results.json_columns import dump, salvage
-from service.results.rig_proposals import REJECTED
 from service.results.schema import JOBS, PEOPLES
 from service.results.store import Tables
 from service.steady_clock import later_time_ns
 
 DECISION, INSPECTION, WINDOW = "decision", "inspection", "window"
+RIG_ACCEPTED, RIG_REJECTED = "rig_accepted", "rig_rejected"  # changes: what becomes of a proposal
 NO_CHANGES = (DECISION, INSPECTION, WINDOW)  # kinds that change nothing about the asset itself
 
 _JOB = select(JOBS).order_by(JOBS.c.id)
@@ -104,7 +104,7 @@ class Jobs:
 
     def rejected_rigs(self, asset: str) -> list[str]:
         """Digests of the rig files that people have rejected for an asset."""
-        return [job.given["digest"] for job in self.of(asset, REJECTED) if job.refused is None]
+        return [job.given["digest"] for job in self.of(asset, RIG_REJECTED) if job.refused is None]
 
     def decision_counts(self) -> dict[str, dict[str, int]]:
         """How many decisions on effects were carried out, by asset and verb; one query for all assets."""

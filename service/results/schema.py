@@ -172,6 +172,17 @@ WEBHOOK_OUTBOX = Table(
 NAMES = Table(  # every name that was ever given: see `names`
     "names", METADATA, _text("name", primary_key=True), _asset(), _text("labelled", nullable=True)
 )
+OFFERS = Table(  # what comes from the network and waits for people: see `offers`; a row reserves no name
+    "offers",
+    METADATA,
+    *(_text(n, primary_key=True) for n in ("kind", "name")),
+    _number("share", "0"),  # of a fleet: whose worker receives it
+    *(_number(n) for n in ("first_ns", "last_ns", "frames")),
+    _number("dismissed_ns", nullable=True),
+    _text("digest", nullable=True),  # of a rig file
+    _json("data"),
+    Index("offers_by_share", "share", "dismissed_ns"),
+)
 BASELINES = Table("baselines", METADATA, _asset(primary_key=True), _text("file"), _json("about"))
 BASELINE_NUMBERS = Table("baseline_numbers", METADATA, _key(), sqlite_autoincrement=True)
 AUDIT = Table(

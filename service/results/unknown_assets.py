@@ -1,7 +1,8 @@
 """Assets that are not known: where people are to be asked, they are named here, in a bounded list that expires.
 
-Their frames are counted in the network's callback and left out there: an unknown asset has no queue, no row in the
-database and no folder. The list is kept in memory: after a restart it fills with what still sends.
+Their frames are counted in the network's callback and left out there: an unknown asset has no queue and no folder. The
+list is in memory, so that no callback waits for the database; `runtime/offer_writer.py` writes it for people
+(`offers.py`), and a restart begins with what was written.
 
 Once an asset has been adopted its frames are used, but not from the middle of what a publisher sends that keeps its
 frames until they are stored: it is asked to send all of them again, in their order, by another `instance` in the answer
@@ -15,10 +16,12 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from service.contract.position import why_unknown
+from service.files.rig_difference import digest_of
+from service.steady_clock import later_time_ns
 
 log = logging.getLogger(__name__)
 
@@ -45,29 +48,11 @@ class Unknown:
     first_ns: int  # Unix time at which it was first and last received [ns]
     last_ns: int
     frames: int = 0
-    channels: set[str] = field(default_factory=set)
-    rig: Mapping[str, Any] | None = None  # the newest rig file that was offered for it, which can be used
+    channels: frozenset[str] = frozenset()
+    dismissed_ns: int | None = None  # Unix time at which it was dismissed [ns]
+    rig: Mapping[str, Any] | None = field(default=None, compare=False)  # the newest rig file that can be used
+    digest: str | None = None  # of that
     rig_bytes: int = 0  # what its text takes
-    seen: float = 0.0  # when it was received last, on the monotonic clock [s]
-
-
-class UnknownList(Protocol):
-    """The unknown assets as people see them."""
-
-    @property
-    def asks(self) -> bool: ...
-
-    @property
-    def frames(self) -> int: ...
-
-    @property
-    def forgotten(self) -> int: ...
-
-    def listed(self) -> list[Unknown]: ...
-
-    def find(self, asset: str) -> Unknown | None: ...
-
-    def dismiss(self, asset: str) -> None: ...
 
 
 class UnknownAssets:
@@ -75,7 +60,9 @@ class UnknownAssets:
 
     asks    whether an unknown asset waits for a person; else everything is let in
     most    assets in the list
-    expire  time without a frame after which one leaves it [s]
+    expire  time without a frame, or since it was dismissed, after which one leaves it [s]
+    clock   the monotonic clock [s]
+    now_ns  Unix time, which is not set back [ns]
     elsewhere  which streams are another service's: their frames are left out, and nobody is asked about them
     """
 
@@ -86,16 +73,15 @@ class UnknownAssets:
         most: int = 100,
         expire: float = 86_400.0,
         clock: Callable[[], float] = time.monotonic,
-        now_ns: Callable[[], int] = time.time_ns,
+        now_ns: Callable[[], int] = later_time_ns,
         elsewhere: Elsewhere = everything_here,
     ) -> None:
         self._elsewhere = elsewhere
-        self._asks, self._most, self._expire = asks, most, expire
+        self._asks, self._most, self._expire_ns = asks, most, round(expire * 1e9)
         self._clock, self._now_ns = clock, now_ns
         self._known: Callable[[str], bool] | None = None
         self._lock = threading.RLock()
-        self._listed: dict[str, Unknown] = {}
-        self._dismissed: OrderedDict[str, float] = OrderedDict()  # until when
+        self._entries: dict[str, Unknown] = {}  # those that were dismissed, too
         self._asking: OrderedDict[str, float] = OrderedDict()  # streams whose publishers ask how far they are stored
         self._let_in: set[str] = set()
         self._renewed: set[str] = set()  # of them, those that were not known from the start
@@ -108,6 +94,12 @@ class UnknownAssets:
     def asks(self) -> bool:
         """Whether an unknown asset waits for a person."""
         return self._asks
+
+    def restore(self, entries: Iterable[Unknown]) -> None:
+        """Goes on with what was written before a restart."""
+        with self._lock:
+            for entry in entries:
+                self._add(replace(entry))
 
     def begin(self, known: Callable[[str], bool], streams: Iterable[str]) -> None:
         """From now on only streams whose asset is known are let in; `streams` are known from the start."""
@@ -151,17 +143,19 @@ class UnknownAssets:
 
         size  of its text [bytes]
         """
+        if self._elsewhere(stream) is not None:
+            return
+        digest = digest_of(rig)
         with self._lock:
-            if self._is_dismissed(stream) or self._elsewhere(stream) is not None:
+            entry = self._entry(stream)
+            if entry.dismissed_ns is not None:
                 return
-            entry = self._listed.get(stream) or self._list(stream)
-            entry.rig, entry.rig_bytes = rig, size
-            entry.seen, entry.last_ns = self._clock(), self._now_ns()
-            taken = sum(each.rig_bytes for each in self._listed.values())
-            for each in sorted(self._listed.values(), key=lambda each: (each.frames, each.seen)):
+            entry.rig, entry.digest, entry.rig_bytes, entry.last_ns = rig, digest, size, self._now_ns()
+            taken = sum(each.rig_bytes for each in self._entries.values())
+            for each in sorted(self._entries.values(), key=_business):
                 if taken > RIGS_BYTES and each is not entry:
                     taken -= each.rig_bytes
-                    each.rig, each.rig_bytes = None, 0
+                    each.rig, each.digest, each.rig_bytes = None, None, 0
 
     def is_known(self, stream: str) -> bool:
         """Whether a stream's asset is known, or everything is let in."""
@@ -181,37 +175,24 @@ class UnknownAssets:
             return None
         return why_unknown(stream)
 
-    # -- for people ----------------------------------------------------------------------------------
+    # -- for whoever writes the list -----------------------------------------------------------------
 
-    def listed(self) -> list[Unknown]:
-        """The unknown assets, the busiest first."""
+    def entries(self) -> dict[str, Unknown]:
+        """The unknown assets, those that were dismissed too."""
         with self._lock:
             self._forget()
-            found = [each for each in self._listed.values() if self._is_unknown(each.asset)]
-            return sorted(found, key=lambda each: (-each.frames, each.asset))
+            waiting = [n for n in self._entries if self._elsewhere(n) is None and not self.is_known(n)]
+            return {name: replace(self._entries[name]) for name in waiting}
 
-    def find(self, asset: str) -> Unknown | None:
-        """An unknown asset of the list."""
+    def dismiss(self, asset: str, at_ns: int) -> None:
+        """Takes an asset off the list, and does not list it again until it would have been forgotten.
+
+        at_ns  when a person has dismissed it [Unix time, ns]
+        """
         with self._lock:
-            self._forget()
-            return self._listed.get(asset) if self._is_unknown(asset) else None
-
-    def dismiss(self, asset: str) -> None:
-        """Takes an asset off the list, and does not list it again until it would have been forgotten."""
-        with self._lock:
-            self._listed.pop(asset, None)
-            self._dismissed.pop(asset, None)
-            self._dismissed[asset] = self._clock() + self._expire
-            if len(self._dismissed) > self._most:
-                self._dismissed.popitem(last=False)
-
-    def figures(self) -> dict[str, float]:
-        """Figures for /metrics."""
-        return {
-            "unknown_assets": len(self.listed()),
-            "unknown_asset_frames": self.frames,
-            "unknown_assets_forgotten": self.forgotten,
-        }
+            entry = Unknown(asset=asset, first_ns=at_ns, last_ns=at_ns, dismissed_ns=at_ns)
+            if self._entries.get(asset) != entry and at_ns >= self._now_ns() - self._expire_ns:
+                self._add(entry)
 
     # -- within --------------------------------------------------------------------------------------
 
@@ -219,7 +200,7 @@ class UnknownAssets:
         """Whether a stream whose asset has become known is let in now, rather than after a question."""
         now, until = self._clock(), self._waiting.get(stream)
         if until is None:
-            entry = self._listed.pop(stream, None)
+            entry = self._entries.pop(stream, None)
             asking = now - self._asking.get(stream, float("-inf")) < ASKED_WITHIN
             if entry is not None and entry.frames and asking:
                 self._waiting[stream] = now + NEXT_QUESTION
@@ -228,10 +209,6 @@ class UnknownAssets:
             return False
         self._open(stream)
         return True
-
-    def _is_unknown(self, stream: str) -> bool:
-        """Whether a stream waits for people."""
-        return self._elsewhere(stream) is None and not self.is_known(stream)
 
     def _leave_out(self, stream: str, why: str) -> None:
         with self._lock:
@@ -242,29 +219,30 @@ class UnknownAssets:
         log.warning("frames are left out: %s", why, extra={"asset": stream})
 
     def _open(self, stream: str) -> None:
-        for part in (self._listed, self._asking, self._waiting, self._dismissed):
+        for part in (self._entries, self._asking, self._waiting):
             part.pop(stream, None)
         self._renewed.add(stream)
         self._let_in.add(stream)
 
     def _count(self, stream: str, channel: str | None) -> None:
         self.frames += 1
-        if self._is_dismissed(stream):
+        entry = self._entry(stream)
+        if entry.dismissed_ns is not None:
             return
-        entry = self._listed.get(stream) or self._list(stream)
         entry.frames += 1
-        entry.seen, entry.last_ns = self._clock(), self._now_ns()
-        if channel is not None and len(entry.channels) < MOST_CHANNELS:
-            entry.channels.add(channel)
+        entry.last_ns = self._now_ns()
+        if channel is not None and len(entry.channels) < MOST_CHANNELS and channel not in entry.channels:
+            entry.channels |= {channel}
 
-    def _list(self, stream: str) -> Unknown:
+    def _entry(self, stream: str) -> Unknown:
+        """What is known of a stream, which is listed from now on where nothing is."""
+        entry = self._entries.get(stream)
+        if entry is not None:
+            return entry
         self._forget()
-        while len(self._listed) >= self._most:
-            quietest = min(self._listed.values(), key=lambda each: (each.frames, each.seen))
-            del self._listed[quietest.asset]
-            self.forgotten += 1
         now_ns, now = self._now_ns(), self._clock()
-        entry = self._listed[stream] = Unknown(asset=stream, first_ns=now_ns, last_ns=now_ns, seen=now)
+        entry = Unknown(asset=stream, first_ns=now_ns, last_ns=now_ns)
+        self._add(entry)
         if now - self._said >= SAY_EVERY:
             self._said = now
             log.warning(
@@ -273,14 +251,22 @@ class UnknownAssets:
             )  # fmt: skip
         return entry
 
-    def _is_dismissed(self, stream: str) -> bool:
-        until = self._dismissed.get(stream)
-        if until is not None and until < self._clock():
-            del self._dismissed[stream]
-            until = None
-        return until is not None
+    def _add(self, entry: Unknown) -> None:
+        """Adds an entry, for which the quietest makes room; as many that were dismissed are known as are listed."""
+        self._entries.pop(entry.asset, None)
+        dismissed = entry.dismissed_ns is not None
+        others = [each for each in self._entries.values() if (each.dismissed_ns is not None) is dismissed]
+        if len(others) >= self._most:
+            del self._entries[min(others, key=_business).asset]
+            self.forgotten += not dismissed
+        self._entries[entry.asset] = entry
 
     def _forget(self) -> None:
-        limit = self._clock() - self._expire
-        for name in [name for name, each in self._listed.items() if each.seen < limit]:
-            del self._listed[name]
+        limit = self._now_ns() - self._expire_ns
+        for name in [name for name, each in self._entries.items() if (each.dismissed_ns or each.last_ns) < limit]:
+            del self._entries[name]
+
+
+def _business(entry: Unknown) -> tuple[int, int]:
+    """How many frames have come of an asset, and when."""
+    return entry.frames, entry.last_ns

@@ -21,7 +21,6 @@ from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.kept_signals import KeptSignals
 from service.results.names import Names
-from service.results.rig_proposals import RigProposals
 from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
@@ -81,7 +80,6 @@ class Begun(AbstractContextManager["Begun"]):
                 store,
                 table,
                 given_rigs,
-                RigProposals(jobs.rejected_rigs),
                 asks=kept.unknown.asks,
                 names=names,
             )

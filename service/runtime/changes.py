@@ -28,10 +28,10 @@ from service.files.rig import checked_rig
 from service.files.rig_difference import differences
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
-from service.results.jobs import Job, Jobs
+from service.results.jobs import RIG_ACCEPTED, RIG_REJECTED, Job, Jobs
 from service.results.names import Names
+from service.results.offers import Offers
 from service.results.present_machine import demand_present
-from service.results.rig_proposals import ACCEPTED, REJECTED
 from service.results.sparkline import Sparkline
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
@@ -62,9 +62,10 @@ class Changes:
         *,
         names: Names,
         baselines: BaselineStore,
+        offers: Offers,
     ) -> None:
         self._jobs, self._windows, self._store, self._table = jobs, windows, store, table
-        self._names, self._baselines = names, baselines
+        self._names, self._baselines, self._offers = names, baselines, offers
         machine = JobKind(self._machine, self._ask_machine)
         self.kinds: Mapping[str, JobKind] = {
             **dict.fromkeys(("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled"), machine),
@@ -75,8 +76,8 @@ class Changes:
             "reinstated": JobKind(self._retire, begins=True),
             "baseline_given": JobKind(self._baseline, begins=True),
             "baseline_removed": JobKind(self._baseline, begins=True),
-            ACCEPTED: JobKind(self._accept_rig, begins=True),
-            REJECTED: JobKind(self._reject_rig, begins=True),
+            RIG_ACCEPTED: JobKind(self._accept_rig, begins=True),
+            RIG_REJECTED: JobKind(self._reject_rig, begins=True),
         }
 
     # -- the kinds -----------------------------------------------------------------------------------
@@ -215,7 +216,7 @@ class Changes:
         outcome = _outcome(change, effect, **({"question": asked} if asked else {} if identity else {"rig": rig}))
         if asked is not None:
             outcome = replace(outcome, events=(("question", shown_question(asked) or {}), *outcome.events))
-        return outcome
+        return replace(outcome, also=partial(self._offers.end, asset, digest))
 
     def _question_about_gears(
         self, place: Place, rig: Mapping[str, Any], identity: tuple[str, ...]
@@ -231,7 +232,8 @@ class Changes:
 
     def _reject_rig(self, place: Place, change: Job, made: Made) -> Outcome:
         """A person rejects a rig file that came on the stream: the present one stays."""
-        return _outcome(change, {"digest": change.given["digest"]})
+        digest = change.given["digest"]
+        return replace(_outcome(change, {"digest": digest}), also=partial(self._offers.end, change.asset, digest))
 
     # -- within --------------------------------------------------------------------------------------
 

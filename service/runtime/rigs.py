@@ -6,7 +6,7 @@ they have answered. Any other change of the settings is adopted, and an event te
 
 A rig file that is offered on the network is used for a new asset where new assets are adopted, until its first window
 has been processed. Else, and where the asset has one, it is a proposal until a person has decided on it
-(results/rig_proposals.py).
+(results/offers.py).
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from service.files.rig import checked_rig, load_mapping
 from service.files.rig_difference import differences
 from service.results.asset_table import AssetTable
 from service.results.names import Names
-from service.results.rig_proposals import RigProposals
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
 from service.results.unknown_assets import UnknownAssets
@@ -100,10 +99,10 @@ def _read(path: Path) -> tuple[Mapping[str, Any], str]:
 class Rigs:
     """The rig files of all assets.
 
-    given      those of the settings
-    proposals  where those wait that people must decide on
-    asks       whether that is so for every rig file that is offered
-    names      of the assets; None where each has its id alone
+    given     those of the settings
+    asks      whether people must decide on every rig file that is offered
+    names     of the assets; None where each has its id alone
+    proposed  those that have come for assets and may become proposals: see `offer_writer`
     """
 
     def __init__(
@@ -111,14 +110,13 @@ class Rigs:
         store: SqlStore,
         table: AssetTable,
         given: GivenRigs,
-        proposals: RigProposals | None = None,
         *,
         asks: bool = False,
         names: Names | None = None,
     ) -> None:
         self._store, self._table, self.given = store, table, given
-        self.proposals, self.asks = proposals or RigProposals(), asks
-        self._names = names
+        self.asks, self._names = asks, names
+        self.proposed: dict[str, Mapping[str, Any]] = {}
 
     def given_of(self, asset: str) -> Mapping[str, Any] | None:
         """The rig file that the settings give for an asset, under its name or one that it had before."""
@@ -184,12 +182,15 @@ class Rigs:
         return None
 
     def propose(self, asset: str, rig: Mapping[str, Any]) -> None:
-        """A rig file was offered for an asset that has begun: it waits for a person where it is another one."""
+        """A rig file was offered for an asset: it waits for a person where it is another one, the newest alone."""
+        self.proposed[asset] = rig
+
+    def wants(self, asset: str, rig: Mapping[str, Any]) -> bool:
+        """Whether a rig file would be another one for an asset that has begun."""
         snapshot = self._table.latest(asset)
         if snapshot is None or self.given_of(asset) is not None:
-            return
-        if differences(snapshot.rig or {}, rig):
-            self.proposals.offer(asset, rig)
+            return False
+        return bool(differences(snapshot.rig or {}, rig))
 
     def _adopt(self, stored: StoredAsset, rig: Mapping[str, Any]) -> None:
         """Keeps a rig file, with an event where it replaces the one that a state was learned with."""

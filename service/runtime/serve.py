@@ -31,11 +31,11 @@ from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer, address_of, listening_at
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
-from service.runtime.rigs import GivenRigs, Rigs
+from service.runtime.rigs import GivenRigs
 from service.runtime.storage_wait import StoppedWaiting, opened
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
-from service.runtime.worker import Kept, Worker
+from service.runtime.worker import Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
@@ -88,7 +88,7 @@ def run(
             access=access,
             limits=limits_of(settings),
             audit=AuditLog(store.database, settings.audit_entries),
-            incoming=_incoming_of(worker, kept, rigs),
+            incoming=Incoming(asks=kept.unknown.asks, position=worker.position),
             labelled_assets=settings.metrics_assets,
             health=health,
             told=kept.told,
@@ -128,11 +128,6 @@ def turns_of(health: Health) -> Callable[[], None]:
         watchdog()
 
     return turn
-
-
-def _incoming_of(worker: Worker, kept: Kept, rigs: Rigs) -> Incoming:
-    """What REST answers of the network's side."""
-    return Incoming(unknown=kept.unknown, proposals=rigs.proposals, position=worker.position, propose=rigs.propose)
 
 
 def _opened(

@@ -6,8 +6,7 @@ All of it follows from the rows: a start that comes in between finds streams, ri
 from __future__ import annotations
 
 from service.results.asset_table import AssetTable
-from service.results.jobs import Job
-from service.results.rig_proposals import ACCEPTED, REJECTED, RigProposals
+from service.results.jobs import RIG_ACCEPTED, Job
 from service.results.sql_store import SqlStore
 from service.runtime.intake import Intake
 from service.runtime.lanes import Lanes
@@ -34,11 +33,9 @@ class StreamChanges:
         streams: Streams,
         intake: Intake,
         spool: Spool,
-        proposals: RigProposals,
     ) -> None:
         self._reception, self._lanes, self._store, self._table = reception, lanes, store, table
         self._publication, self._streams, self._intake, self._spool = publication, streams, intake, spool
-        self._proposals = proposals
 
     def __call__(self, job: Job) -> None:
         """Follows a job."""
@@ -51,13 +48,9 @@ class StreamChanges:
             self._reception.ignore_repeats(job.asset)
         elif job.kind in BASELINES:
             self._lanes.reopen(job.asset)
-        elif job.kind in ("gears_replaced", ACCEPTED) and outcome.get("question") != GEARS_DIFFER:
+        elif job.kind in ("gears_replaced", RIG_ACCEPTED) and outcome.get("question") != GEARS_DIFFER:
             self._reception.reopen(job.asset)
             self._lanes.reopen(job.asset)
-        if job.kind == ACCEPTED:
-            self._proposals.drop(job.asset, job.given["digest"])
-        elif job.kind == REJECTED:
-            self._proposals.reject(job.asset, job.given["digest"])
 
     def _give(self, asset: str, name: str) -> None:
         """The stream is another machine's from now on; one that repeats times that have passed begins anew."""

@@ -20,6 +20,7 @@ from service.results.baseline_store import BaselineStore
 from service.results.job_queue import ALARM, JobQueue
 from service.results.kept_signals import KeptSignals
 from service.results.names import Names
+from service.results.offers import Offers
 from service.results.snapshot import Stale
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
@@ -35,6 +36,7 @@ from service.runtime.first_frames import FirstFrames
 from service.runtime.intake import Intake
 from service.runtime.job_worker import JobWorker
 from service.runtime.lanes import LEFT_OUT, Lanes
+from service.runtime.offer_writer import OfferWriter
 from service.runtime.outcomes import Checkpoint, ClosedWindow
 from service.runtime.packed_state import NEW, StoredState
 from service.runtime.positions import ClosedWindows, Positions
@@ -209,8 +211,6 @@ class Worker(threading.Thread):
             "network_connected": float(self._reason is None and self._lost() is None),
             **storage_figures(self._storage, self._settings.data, self._spool),
             **lane_figures(self._lanes, self._reception),
-            **self._kept.unknown.figures(),
-            **self._rigs.proposals.figures(),
             **self._computing.figures(),
             **(self._raw.figures() if self._raw else {}),
         }
@@ -309,6 +309,8 @@ class Worker(threading.Thread):
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
         streams = self._streams = Streams(kept.names, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
+        jobs, offers = kept.queue.jobs, Offers(store.database)
+        offer_writer = OfferWriter(offers, jobs, kept.unknown, self._rigs)
         kept.unknown.begin(
             lambda stream: table.latest(streams.asset_of(stream)) is not None, (*table.known(), *streams.routed)
         )
@@ -324,11 +326,10 @@ class Worker(threading.Thread):
         streams.fed, streams.holds = first_frames.fed, first_frames.holds
 
         spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
-        jobs = kept.queue.jobs
-        changes = Changes(jobs, windows, store, table, names=kept.names, baselines=kept.baselines)
+        changes = Changes(jobs, windows, store, table, names=kept.names, baselines=kept.baselines, offers=offers)
         followed = StreamChanges(
             reception, lanes, store, table, publication,
-            streams=streams, intake=intake, spool=spool, proposals=self._rigs.proposals,
+            streams=streams, intake=intake, spool=spool,
         )  # fmt: skip
         requests = JobWorker(kept.queue, lanes, {**Decisions(store).kinds, **changes.kinds}, followed)
         questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
@@ -343,7 +344,7 @@ class Worker(threading.Thread):
             positions()
             first_frames()
             backlog()
-            for part in (questions, requests, watch):
+            for part in (questions, requests, watch, offer_writer):
                 storage.attempt(part)
             if storage.reason is None:  # else what waits is kept first
                 storage.attempt(table.write_noted)

@@ -154,7 +154,7 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
             baselines=BaselineStore(store.database, tmp_path),
         )
         known = PartitionStreams(LAYOUT, OWN, "gearbox")
-        listener = Listener(fleet, OWN, kept, looked.set, lambda: None, lambda asset, rig: None, known)
+        listener = Listener(fleet, OWN, kept, looked.set, known)
         listener.start()
         assert looked.wait(20)  # its connection listens
         for payload in said_before:
@@ -276,7 +276,7 @@ def test_frames_that_belong_to_another_partition_are_left_out_and_nobody_is_aske
         assert not unknown.admits("unsw", "accel/y6")
     assert not unknown.asked("unsw") and not unknown.is_known("unsw")
     unknown.offered("unsw", {"name": "x"}, 10)
-    assert unknown.listed() == [] and unknown.find("unsw") is None and unknown.frames == 3
+    assert unknown.entries() == {} and unknown.frames == 3
     expected = f"asset unsw is in partition {OWN}: publish it under fleet/{OWN:03d}/gearbox, which gear-twin fleet key"
     assert unknown.refusal("unsw").startswith(expected)
     assert caplog.text.count(expected) == 1

@@ -127,4 +127,4 @@ def test_rig_file_that_is_offered_for_a_stream_is_a_proposal_for_its_renamed_ass
         running.table.changed("unsw")
         assert running.rigs.of("unsw", offered).name == "unnamed"
         assert running.store.asset("unsw").rig is None
-        assert running.rigs.proposals.find("unsw").rig == {"name": "of the stream"}
+        assert running.rigs.proposed == {"unsw": {"name": "of the stream"}}

@@ -14,7 +14,6 @@ from test_unknown_assets import FIRST, WINDOWS, Replaying, unknown_of
 
 from service.cli import run
 from service.files.rig_difference import differences, digest_of
-from service.results.rig_proposals import RigProposals
 from service.runtime.replay import replay
 from service.runtime.rigs import MOST_OFFERED, RIG_BYTES, OfferedRigs
 
@@ -78,23 +77,6 @@ def test_differences_are_named_by_key_with_both_values():
     found = differences({"a": {"b": 1.0}, "c": 2}, {"a": {"b": 1.5}, "d": "x"})
     assert [(d.key, d.before, d.now) for d in found] == [("a.b", "1", "1.5"), ("c", "2", None), ("d", None, "x")]
     assert digest_of({"a": 1, "b": 2}) == digest_of({"b": 2, "a": 1}) != digest_of({"a": 1})
-
-
-def test_an_asset_has_one_proposal_the_newest_and_what_was_rejected_does_not_come_back():
-    proposals = RigProposals(lambda asset: [digest_of({"n": 1})])
-    proposals.offer("a", {"n": 1})
-    assert proposals.find("a") is None
-    proposals.offer("a", {"n": 2})
-    proposals.offer("a", {"n": 3})
-    (only,) = proposals.all()
-    assert only.rig == {"n": 3}
-    proposals.drop("a", digest_of({"n": 2}))  # decided on too late
-    assert proposals.find("a") is only
-    proposals.reject("a", only.digest)
-    proposals.offer("a", {"n": 3})
-    assert proposals.all() == []
-    proposals.offer("a", {"n": 4})
-    assert [p.asset for p in proposals.all()] == ["a"]
 
 
 def test_rig_files_that_are_offered_are_bounded_in_size_and_number(caplog):
