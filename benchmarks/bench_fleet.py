@@ -70,7 +70,7 @@ class _Sink:
     def __init__(self, store: Any) -> None:
         self._store, self.count = store, 0
 
-    def commit(self, outcome: Any, job: Any = None) -> bool:
+    def commit(self, outcome: Any) -> bool:
         self.count += 1
         if self._store is not None:
             self._store.commit(

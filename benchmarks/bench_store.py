@@ -51,7 +51,7 @@ def made(path: Path, windows: int) -> SqlStore:
         row = {"asset": ASSET, "start_ns": start, "number": n, "epoch": 0, "seal": seal(start, n, 0)}
         record = {**RECORD, "index": n, "revolutions": 100.0 * n}
         rows.append({**row, "record": dump(record), "figures": dump(FIGURES)})
-        events.append({"asset": ASSET, "kind": "window", "data": dump({}), "start_ns": start})
+        events.append({"asset": ASSET, "kind": "window", "data": dump({}), "start_ns": start, "again_ns": start})
     counts = {"windows": windows, "updates": 0, "received_ns": 1, "epoch": 0}
     with store.database.transaction() as db:
         db.execute(insert(ASSETS), {"asset": ASSET, "label": ASSET, **counts, "seal": seal(*counts.values())})

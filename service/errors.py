@@ -17,7 +17,8 @@ ServiceError
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 StorageFault = Literal["no space", "read-only", "locked", "connection lost", "input or output", "damaged"]
 """What keeps storage from being used: `locked` also where it did not answer in time, `damaged` where one asset's state
@@ -66,6 +67,10 @@ class StorageUnavailable(StoreError):
     def __init__(self, message: str, *, reason: StorageFault, unknown: bool = False) -> None:
         super().__init__(message)
         self.reason, self.unknown = reason, unknown
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Worker processes send it."""
+        return partial(type(self), reason=self.reason, unknown=self.unknown), self.args
 
 
 class SteppedBack(StorageUnavailable):

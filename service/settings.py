@@ -131,7 +131,7 @@ class Workers(Table):
         ge=0,
         le=256,
         description="worker processes, at a lower priority (nice 10); by default the usable cores "
-        "(affinity, quota of processor time) but one; 0: none",
+        "(affinity, quota of processor time) but one, and at least two; 0: none",
         examples=[3],
     )
     task_limit: float = Field(

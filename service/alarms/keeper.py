@@ -143,6 +143,11 @@ class AlarmKeeper:
         alarm = self.store.sign(asset, number, verb, signed)
         return None if alarm is None else (alarm, self._told(asset, verb, alarm))
 
+    def look(self) -> None:
+        """Another process may have written messages that are to be sent."""
+        if self._webhooks:
+            self.waiting.set()
+
     def changed(self, asset: str) -> None:
         """What people have acknowledged or cleared of an asset, here or at another front end, is shown by now."""
         with self._lock:

@@ -141,6 +141,11 @@ def load_rules(path: Path) -> tuple[Rule, ...]:
         raise InputError(f"{path}: {first_fault(error)}") from None
 
 
+def rules_at(path: Path | None) -> tuple[Rule, ...]:
+    """The alarm rules of assets that have none of their own: those of a file, where one is given."""
+    return DEFAULT_RULES if path is None else load_rules(path)
+
+
 def first_fault(error: ValidationError) -> str:
     """The first fault of rules: where, and what."""
     first = error.errors()[0]

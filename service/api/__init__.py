@@ -109,12 +109,7 @@ def create_app(
         own = (figures, app.state.offers.figures, admitted.figures, log.figures)
         return {name: value for part in own for name, value in part().items()} | {"http_refused": dict(counts)}
 
-    app.state.registry = collector.registry(
-        table,
-        app.state.queue.jobs,
-        figures_of_all,
-        labelled_assets,
-    )
+    app.state.registry = collector.registry(table, app.state.queue.jobs, figures_of_all, labelled_assets)
     problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_FROM, compresslevel=COMPRESSION)
     app.add_middleware(Bounds, limits=limits or Limits(), counts=counts)

@@ -16,7 +16,7 @@ from service.api.assets import ERRORS, LARGEST
 from service.api.audit import audited, signer
 from service.api.guard import Guarded, needs
 from service.api.problems import problem, responses
-from service.api.reading import asset_of, snapshot_of
+from service.api.reading import asset_of
 from service.contract.alarms import Alarm
 from service.contract.base import AnswerModel
 from service.results.job_queue import ALARM
@@ -121,14 +121,16 @@ def _listed(request: Request, asset: str | None, query: AlarmQuery) -> list[Any]
 @needs(Role.operate)
 def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge", "clear"], given: SignedIn) -> Any:
     """Acknowledges or clears an open alarm by name; a cleared quantity still beyond its limit is raised again."""
-    before = snapshot_of(request, asset)
-    own = before.asset
+    own = asset_of(request, asset)
     keeper, store, table = request.app.state.alarms, request.app.state.store, request.app.state.table
     known = keeper.store.alarm(own, number) if 0 < number <= LARGEST else None
     if known is None:
         numbers = ", ".join(str(alarm["id"]) for alarm in keeper.open(own)) or "none"
         return problem(request, 404, f"{asset} has no alarm {number}; open alarms: {numbers}")
-    with keeper.transaction():
+    with keeper.transaction() as db:
+        store.database.ensure(db, own)  # nobody else commits anything of it meanwhile
+        before = table.get(own)
+        assert before is not None
         done = keeper.sign(own, number, VERBS[verb], signer(request, given.by) or "", given.note.strip())
         open_now = keeper.open(own)
         if done is not None:

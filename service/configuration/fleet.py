@@ -22,14 +22,6 @@ class Fleet(Table):
         description="partitions into which the assets are divided, fixed when the fleet is created; by default 8 then",
         examples=[64],
     )
-    fleet_cores: int | None = Field(
-        default=None,
-        ge=1,
-        le=1000,
-        description="searches for effects made at a time where fleet up joins no cluster, a core each; by default "
-        "those of its machine",
-        examples=[4],
-    )
     fleet_address: str | None = Field(
         default=None,
         pattern=r"^\S+:\d{1,5}$",

@@ -1,6 +1,6 @@
 """A partition as an actor of Ray, which starts it again wherever there is room when its process or its node ends.
 
-Only `engine` imports this file, in a process that uses Ray; Ray's workers load it with the actor and with a search.
+Only `engine` imports this file, in a process that uses Ray; Ray's workers load it with the actor.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Sequence
-from functools import cache
 from importlib import import_module
 
 import ray
@@ -17,19 +16,15 @@ import ray
 from service.errors import NewerTables, StoreError
 from service.fleet.layout import END_WAIT, Condition, Layout
 from service.fleet.partition import serve_partition
-from service.fleet.searches import Search, Submit
 from service.logs import logging_by
 from service.operation.health import Late
 from service.runtime.twin_port import Twin
-from service.runtime.worker_task import Reply, Task, perform, prepare
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
 
 FAILED = 70  # exit status of a process whose partition could not go on: EX_SOFTWARE
 NEWER_WAIT = 30.0  # before a partition with tables of a newer release is tried again, maybe on another node [s]
-SEARCH_CORES = 0.95  # of a core for each search: what is left of the core has room for partitions
-SEARCH_RETRIES = 2  # how often a search is begun again whose process or node has ended
 
 
 class PartitionActor:
@@ -62,7 +57,7 @@ class PartitionActor:
             try:
                 serve_partition(
                     settings, partition, layout, self._stop, node=self._node[:12], twin=_twin(twin_from),
-                    at_work=self._is_at_work, submit=by_engine(settings),
+                    at_work=self._is_at_work,
                 )  # fmt: skip
             except StoreError as error:
                 newer = isinstance(error, NewerTables) or isinstance(error.__cause__, NewerTables)
@@ -77,33 +72,6 @@ class PartitionActor:
 
     def _is_at_work(self, late: Callable[[], Sequence[Late]]) -> None:
         self._late = late
-
-
-def search(task: Task, log_level: int, cache_bytes: int) -> Reply:
-    """Carries a search for effects out, with everything that it leads to, in a process of the engine.
-
-    cache_bytes  wear curves that this process keeps for the next search [bytes]
-    """
-    _prepared(log_level, cache_bytes)
-    return perform(task)
-
-
-@cache
-def _prepared(log_level: int, cache_bytes: int) -> None:
-    """Once in a process."""
-    prepare(log_level, cache_bytes)
-
-
-def by_engine(settings: Settings) -> Submit:
-    """Gives searches to the engine that this process is part of, one core each."""
-    task = ray.remote(num_cpus=SEARCH_CORES, max_retries=SEARCH_RETRIES, retry_exceptions=False)(search)
-    level, cache_bytes = logging.getLogger().getEffectiveLevel(), settings.worker_cache_bytes
-
-    def submit(given: Task) -> Search:
-        reference = task.remote(given, level, cache_bytes)
-        return Search(reply=reference.future(), cancel=lambda: ray.cancel(reference, force=True))
-
-    return submit
 
 
 def _twin(twin_from: str | None) -> Twin | None:

@@ -22,6 +22,7 @@ from service.fleet.layout import SCHEMA, Layout, expect_revision, layout_of
 from service.fleet.notices import ASSET, NAMED, announce, say
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.commit_marks import Mark
+from service.results.sql_store import SqlStore
 from service.results.storage_faults import storage_error
 
 READERS = 2  # connections of one worker that are kept for reading; as many more are opened when needed
@@ -162,6 +163,21 @@ class FrontTables(_FleetTables):
 def worker_tables(database: str, fence: Fence, layout: Layout) -> WorkerTables:
     """The tables for the worker of a partition, to be opened with `claimed=True`."""
     return WorkerTables(tables_at(database), share=fence.partition, fence=fence, layout=layout)
+
+
+@dataclass(slots=True, kw_only=True)
+class _JoinedTables(WorkerTables):
+    """For another process of the worker that has taken a partition: as long as that worker has it."""
+
+    def engines(self) -> tuple[Engine, Engine]:
+        self._claiming = self._writing(self.fence.application, pool_size=1, max_overflow=0)
+        return WorkerTables.engines(self)  # `super` does not find itself in a class with slots
+
+
+def joined(database: str, fence: Fence, layout: Layout) -> SqlStore:
+    """The results of a partition for a process that computes, as long as the worker has the partition."""
+    own = _JoinedTables(tables_at(database), share=fence.partition, fence=fence, layout=layout)
+    return SqlStore(own, shared=True)
 
 
 def front_tables(database: str, layout: Layout) -> FrontTables:

@@ -9,6 +9,7 @@ asset is the order in which they were committed.
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import time
@@ -25,6 +26,9 @@ from service.fleet.layout import PARTITIONS, expect_revision
 from service.results.commit_marks import Mark, marked
 from service.results.schema import ASSETS
 
+log = logging.getLogger(__name__)
+
+FENCED = 75  # exit status of a process whose partition another worker has: EX_TEMPFAIL
 ABANDONED = 15_000  # after which a session that stands still within a transaction is ended by the server [ms]
 _TAKE = (
     sa.update(PARTITIONS)
@@ -44,6 +48,13 @@ _END_OTHERS = sa.text(
     "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
     "WHERE application_name LIKE :named AND application_name <> :own AND datname = current_database()"
 )
+
+
+def leave_at_once() -> None:
+    """Ends the process: its partition is another worker's, and nothing that it could still write would be right."""
+    log.error("the partition has been given to another worker: this process ends")
+    logging.shutdown()
+    os._exit(FENCED)
 
 
 class Fenced(StoreError):

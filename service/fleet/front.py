@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
+from service.alarms.rules import rules_at
 from service.api import create_app
 from service.api.incoming import Incoming
 from service.errors import StoreError
@@ -36,7 +37,6 @@ from service.results.sql_store import SqlStore
 from service.runtime import SERVES
 from service.runtime.admission import access_of, front_of, limits_of
 from service.runtime.all_figures import figures_of
-from service.runtime.begun import rules_of
 from service.runtime.http_server import HttpServer, address_of, listening_at
 from service.runtime.serve import turns_of
 from service.runtime.storage_wait import StoppedWaiting, opened
@@ -65,7 +65,7 @@ class FrontEnd(AbstractContextManager["FrontEnd"]):
         database = settings.database.get_secret_value()
         layout = layout_at(database)
         store = SqlStore(front_tables(database, layout))
-        alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
+        alarms = AlarmKeeper(AlarmStore(store.database), rules_at(settings.alarm_rules), settings.webhooks)
         table = AssetTable(store, alarms)
         queue = JobQueue(Jobs(store.database), DECIDED_WITHIN)
         watch = FrontWatch(database, store.database, table, queue.done)

@@ -7,21 +7,19 @@ notification of PostgreSQL says that something is there, and a look now and then
 from __future__ import annotations
 
 import logging
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 
 from service.errors import StorageUnavailable
-from service.fleet.databases import worker_tables
-from service.fleet.fence import Fence
+from service.fleet.databases import joined, worker_tables
+from service.fleet.fence import Fence, leave_at_once
 from service.fleet.heartbeat import Heartbeat
 from service.fleet.kept_curves import CurveWriter, StoredCurves
 from service.fleet.layout import Layout, folder_of
 from service.fleet.listener import Listener
 from service.fleet.naming import PartitionStreams
-from service.fleet.searches import Searches, Submit
 from service.operation.health import FLEET, Health, Late
 from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
@@ -31,40 +29,31 @@ from service.results.storage_faults import is_away
 from service.runtime.all_figures import database_figures, figures_of
 from service.runtime.begun import Begun, OpenStore
 from service.runtime.by_settings import twin_of, zenoh_of
-from service.runtime.computing import Computing
-from service.runtime.computing_here import computing_here
+from service.runtime.computing_here import LEAST, computing_here
 from service.runtime.raw_recorder import recording_raw
 from service.runtime.retention_job import RetentionJob, retention_of
 from service.runtime.rigs import GivenRigs
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
+from service.runtime.work import Workplace
 from service.runtime.worker import Worker
-from service.runtime.worker_task import Tasks
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
 
 log = logging.getLogger(__name__)
 
-FENCED = 75  # exit status of a process whose partition another worker has: EX_TEMPFAIL
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # between two attempts to reach the database [s]
 
 
-def leave_at_once() -> None:
-    """Ends the process: its partition is another worker's, and nothing that it could still write would be right."""
-    log.error("the partition has been given to another worker: this process ends")
-    logging.shutdown()
-    os._exit(FENCED)
-
-
 def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
-    """The settings of one partition: its keys, its folder, and one process that computes."""
+    """The settings of one partition: its keys, its folder, and no more worker processes than are needed."""
     return settings.model_copy(
         update={
             "prefix": layout.prefix_of(partition, settings.prefix),
             "data": settings.data / folder_of(partition),
             "raw_folder": settings.raw_folder and settings.raw_folder / folder_of(partition),
             "new_assets": settings.rule_of_new_assets[0],
-            "workers": 1 if settings.workers is None else settings.workers,
+            "workers": LEAST if settings.workers is None else settings.workers,
         }
     )
 
@@ -80,14 +69,12 @@ def serve_partition(
     open_transport: OpenTransport | None = None,
     lost: Callable[[], None] = leave_at_once,
     at_work: Callable[[Callable[[], Sequence[Late]]], object] = lambda late: None,
-    submit: Submit | None = None,
 ) -> None:
     """Serves one partition until `stop` is set. The settings are those of the fleet.
 
     node     where this is, for people
     lost     called when another worker has taken the partition
     at_work  called once the partition has been taken, with what says which of its loops hang
-    submit   gives a search for effects to the engine; None: it is made here
     """
     assert settings.database is not None
     database = settings.database.get_secret_value()
@@ -111,7 +98,14 @@ def serve_partition(
         store.database.took = timing.stored
         raw = stack.enter_context(recording_raw(own, begun.table, health, prefix=settings.prefix))
         curves = CurveWriter(database)
-        computing_of = partial(_computing_of, StoredCurves(database), curves, submit)
+        place = (
+            None
+            if twin.make is None
+            else Workplace(
+                settings=own, open=partial(joined, database, fence, layout), make=twin.make, options=twin.options
+            )
+        )
+        computing_of = partial(computing_here, place=place, curves=StoredCurves(database), keep=curves.keep)
         transport = open_transport or zenoh_of(own)
         worker = Worker(own, kept, begun.rigs, twin, transport, health, raw, computing_of)
         sent = stack.enter_context(sending_traces(own.otlp))
@@ -142,21 +136,6 @@ def serve_partition(
                 ended.end()
         if worker.failure is not None:
             raise worker.failure
-
-
-def _computing_of(
-    stored: StoredCurves,
-    writer: CurveWriter,
-    submit: Submit | None,
-    settings: Settings,
-    twin: Twin,
-    wake: Callable[[], None],
-) -> Computing:
-    """Where the twins of a partition are computed: here, and by the engine."""
-    here = computing_here(settings, twin, wake, curves=stored, keep=writer.keep)
-    if submit is None or twin.make is None or settings.workers == 0:
-        return here
-    return Searches(here, submit, tasks=Tasks(stored), keep=writer.keep, limit=settings.task_limit, wake=wake)
 
 
 @contextmanager

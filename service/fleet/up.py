@@ -74,7 +74,7 @@ def up(
             demand_protected_links(settings)
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
             settings = settings.model_copy(update={"connect": [_reached(e) for e in settings.listen]})
-        ray = stack.enter_context(ray_session(address, settings.fleet_cores, layout.partitions))
+        ray = stack.enter_context(ray_session(address, room=layout.partitions))
         stop = stack.enter_context(until_told())
         engine = Engine(ray, settings, layout, twin_from=twin_from)
         if address is None:

@@ -447,14 +447,6 @@ OF_FLEETS = (
         "should serve them says why.",
         only=FLEET,
     ),
-    _gauge("engine_searches", "searches for effects that the engine makes, or has yet to begin", only=FLEET),
-    _counter("engine_searches_made", "searches for effects that the engine has made", only=FLEET),
-    _counter(
-        "engine_searches_failed",
-        "searches that the engine did not make, so that a partition made them itself",
-        "The log says why. Where it grows, the windows of a partition's other assets wait for searches.",
-        only=FLEET,
-    ),
     _gauge("fleet_assets", "assets of the fleet by the level of their status", "", "level", only=FLEET),
 )
 

@@ -159,7 +159,9 @@ class AssetTable:
 
     def _read(self, asset: str, seen: Seen) -> Snapshot:
         store = self._store
-        snapshot = Snapshot.from_store(store, store.shown_asset(asset), seen.last_event_id)
+        known = self._made.get(asset)
+        before = known.snapshot if known is not None and known.seen <= seen else None  # else the database stepped back
+        snapshot = Snapshot.from_store(store, store.shown_asset(asset), seen.last_event_id, before)
         ((volatile,),) = store.database.rows(_VOLATILE, {"of": asset})
         alarms = () if self._alarms is None else self._alarms.open(asset)
         return replace(snapshot, alarms=alarms, **volatile_of(volatile, asset))
@@ -221,8 +223,10 @@ class AssetTable:
             self._due, self._later = self._due | self._later, {}
         while self._due:
             batch = list(self._due)[:BATCH]
-            shown = [snapshot for asset in batch if (snapshot := self.latest(asset)) is not None]
-            with self._store.database.transaction():
+            with self._store.database.transaction() as db:
+                for asset in sorted(batch):
+                    self._store.database.ensure(db, asset)  # nobody commits anything of them meanwhile
+                shown = [snapshot for asset in batch if (snapshot := self.get(asset)) is not None]
                 versions = put(self._store.database, shown)
             for snapshot in shown:
                 self.written(snapshot, versions[snapshot.asset])

@@ -26,6 +26,7 @@ from service.errors import StorageUnavailable, StoreError
 from service.results.bounded_connection import connecting
 from service.results.claims import Claims
 from service.results.commit_marks import Mark, marked, was_committed
+from service.results.schema import ASSETS
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
 STATEMENT_WAIT = 40.0  # how long one statement of the service may take on a server; two, within a loop's turn [s]
@@ -37,6 +38,9 @@ SILENT_AFTER = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_cou
 """When a server that no longer answers counts as lost: [s], [s], tries, [ms]."""
 NO_SHARED_MEMORY = ("SQLITE_IOERR_SHMOPEN", "SQLITE_IOERR_SHMMAP", "SQLITE_IOERR_SHMLOCK")
 """Errors of a file system that has no memory in common for the processes that have a file open."""
+
+
+_TURN = sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of")).with_for_update()
 
 
 class Backend(Protocol):
@@ -108,7 +112,7 @@ class Backend(Protocol):
         ...
 
     def turn(self, db: Connection, asset: str) -> None:
-        """Within a transaction, before it writes to an asset."""
+        """Within a transaction, before it writes to an asset: other processes do so one after the other."""
         ...
 
     def named(self, db: Connection, asset: str, name: str) -> None:
@@ -158,7 +162,7 @@ class OneService:
         return 0
 
     def turn(self, db: Connection, asset: str) -> None:
-        pass
+        pass  # one transaction writes at a time
 
     def named(self, db: Connection, asset: str, name: str) -> None:
         pass
@@ -351,6 +355,9 @@ class Postgresql(OneService):
 
     def verify(self) -> None:
         pass  # a server's database cannot be taken away under a connection
+
+    def turn(self, db: Connection, asset: str) -> None:
+        db.execute(_TURN, {"of": asset})
 
     def mark(self, db: Connection) -> Mark:
         mark = marked(db, *self.next_transaction())

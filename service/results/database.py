@@ -50,9 +50,10 @@ class Database:
     took  called with `commit` or `read` and how long a transaction or a query has taken [s]
     """
 
-    def __init__(self, where: Path | str | Backend, *, claimed: bool = False) -> None:
+    def __init__(self, where: Path | str | Backend, *, claimed: bool = False, shared: bool = False) -> None:
         """where    file of an SQLite database, the URL of a PostgreSQL database, or how another one is connected to
         claimed  whether no other service may write to it meanwhile
+        shared   whether another process of this service has it open, and has examined it
         """
         self.backend: Backend = backend_of(where) if isinstance(where, Path | str) else where
         self.took: Callable[[str, float], object] = lambda what, seconds: None
@@ -67,12 +68,13 @@ class Database:
             with self._faults():
                 if claimed:
                     self.backend.claim()  # before its schema is changed under another service
-                if self.backend.upgrades:
+                if self.backend.upgrades and not shared:
                     upgrade(self.backend)
                 self._writer, self._reader = self.backend.engines()
                 if claimed:
                     sa.event.listen(self._writer, "connect", self._look_back)
-                self.backend.examine(self._reader)
+                if not shared:
+                    self.backend.examine(self._reader)
         except StorageUnavailable:
             self.backend.release()
             raise
@@ -121,9 +123,12 @@ class Database:
 
         InputError where another asset has or had the name, or the asset is of another share.
         """
-        if asset in self._has_row or asset in self._present.ensured:
+        if asset in self._present.ensured:
             return
         self.backend.turn(db, asset)
+        if asset in self._has_row:
+            self._present.ensured.add(asset)
+            return
         share = db.execute(_SHARE, {"of": asset}).scalar()
         if share is None:
             share = self.backend.share_of(asset)

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
+from service.errors import StoreError
 from service.results.change_signal import DoneSignal
 from service.results.jobs import Job, Jobs
 
@@ -40,10 +41,14 @@ class JobQueue:
         """The job once it is done; None after so many seconds, or where the service ends before."""
         return await self._signal.done(self.jobs.job, number, seconds)
 
-    def pending(self) -> tuple[Job, ...]:
-        """What waits, oldest first; for the worker."""
+    def assets(self) -> tuple[str, ...]:
+        """The assets of which something waits; for whoever has it carried out."""
         self.asked.clear()
-        return self.jobs.pending()
+        try:
+            return self.jobs.asked()
+        except StoreError:
+            self.asked.set()  # something may still wait
+            raise
 
     def done(self) -> None:
         """Wakes waiting callers."""

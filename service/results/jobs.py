@@ -32,6 +32,9 @@ NO_CHANGES = (DECISION, INSPECTION, WINDOW)  # kinds that change nothing about t
 
 _JOB = select(JOBS).order_by(JOBS.c.id)
 _PENDING = _JOB.where(text(PEOPLES))
+_NEXT = _PENDING.where(JOBS.c.asset == bindparam("of")).limit(1)
+_STANDS = select(JOBS.c.kind, JOBS.c.done, JOBS.c.held).where(JOBS.c.id == bindparam("number"))
+_ASKED = select(JOBS.c.asset).where(text(PEOPLES)).distinct()
 _END = update(JOBS).where(JOBS.c.id == bindparam("number"), JOBS.c.done == 0)
 _VERBS = (
     select(JOBS.c.asset, JOBS.c.verb, func.count())
@@ -90,9 +93,21 @@ class Jobs:
         (found,) = self._read(_JOB.where(JOBS.c.id == number))
         return found
 
+    def stands(self, number: int) -> Any:
+        """The kind of a job, and whether it is `done` or `held`; None of a window that has been processed."""
+        return next(iter(self._database.rows(_STANDS, {"number": number})), None)
+
     def pending(self) -> tuple[Job, ...]:
         """Those that wait to be carried out here, oldest first."""
         return self._read(_PENDING.where(self._database.own(JOBS.c.asset)))
+
+    def next(self, asset: str) -> Job | None:
+        """The oldest of an asset that waits."""
+        return next(iter(self._read(_NEXT, {"of": asset})), None)
+
+    def asked(self) -> tuple[str, ...]:
+        """The assets of which something waits to be carried out here."""
+        return tuple(asset for (asset,) in self._database.rows(_ASKED.where(self._database.own(JOBS.c.asset))))
 
     def of(self, asset: str, kind: str, after: int = 0, limit: int | None = None) -> tuple[Job, ...]:
         """The jobs of one kind with an id above `after`, oldest first."""
@@ -113,11 +128,11 @@ class Jobs:
             counts.setdefault(asset, {})[verb] = count
         return counts
 
-    def _read(self, query: Select) -> tuple[Job, ...]:
+    def _read(self, query: Select, values: Mapping[str, Any] | None = None) -> tuple[Job, ...]:
         """The jobs that a query answers; one that is damaged is left out."""
         names = ("id", "asset", "received_ns", "kind", "refused")
         found = []
-        for row in (r._mapping for r in self._database.rows(query)):
+        for row in (r._mapping for r in self._database.rows(query, values)):
             what = f"{row['kind']} {row['id']} of {row['asset']}"
             given = salvage(row["given"], what)
             if given is not None:

@@ -52,6 +52,7 @@ ASSETS = Table(
     *(_number(n, "0") for n in ("windows", "updates", "epoch")),
     _number("received_ns", nullable=True),
     _number("seal", nullable=True),
+    _number("mark", "0"),  # another one whenever a job of the asset goes on from something else
     *(
         Column(n, Text, nullable=False, server_default="") for n in ("area", "level", "data", "words")
     ),  # see `asset_rows`
@@ -132,6 +133,9 @@ JOBS = Table(  # see `jobs`
     _number("start_ns", nullable=True),  # of a window
     _number("bytes", nullable=True),  # of a window's file
     _text("file", nullable=True),  # name of that
+    _number("held", "0"),  # whether it waits for an answer by people ...
+    _number("again", "0"),  # ... or has done so before
+    _text("refuse", nullable=True),  # why a window is not to be used
     Index("jobs_of_people", "id", sqlite_where=text(PEOPLES)),  # on a server, too: `migrations`
     Index("jobs_of_asset", "asset", "kind", "id"),
     sqlite_autoincrement=True,

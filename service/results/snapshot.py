@@ -17,6 +17,7 @@ from service.results.store import FaultTotals, StoredAsset, StoredWindow, faults
 from service.stream.quality import data_quality
 
 TAIL = 100  # windows that a snapshot carries, the newest
+FEW = 8  # windows that are read in place of those
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,14 +74,20 @@ class Snapshot:
     whole: Mapping[str, Any] = field(default_factory=dict)  # the contract's section 4
 
     @classmethod
-    def from_store(cls, store: SqlStore, stored: StoredAsset, last_event_id: int) -> Snapshot:
-        """The snapshot as it was when the last window was committed; reads no more than the newest windows."""
-        asset, windows = stored.asset, store.latest_windows(stored.asset, TAIL)
-        return cls(
-            asset=asset,
+    def from_store(
+        cls, store: SqlStore, stored: StoredAsset, last_event_id: int, before: Snapshot | None = None
+    ) -> Snapshot:
+        """The snapshot as it was when the last window was committed; reads no more than the newest windows.
+
+        before  an earlier one, from which it goes on where only a few windows have been committed since
+        """
+        windows = None if before is None else before._followed(store, stored)
+        if windows is None:
+            windows = cls._of_windows(store, stored.asset)
+        return replace(
+            windows,
+            asset=stored.asset,
             label=stored.label,
-            records=tuple(w.record for w in windows),
-            latest=next((trend_point(w) for w in reversed(windows) if has_point(w)), {}),
             windows_total=stored.windows,
             updates=stored.updates,
             fault_totals=stored.fault_totals,
@@ -90,12 +97,35 @@ class Snapshot:
             quality=stored.quality or {},
             last_event_id=last_event_id,
             received_ns=stored.received_ns,
-            sparkline=Sparkline.from_store(store, asset, windows[-1].record["index"] if windows else -1),
             question=stored.question,
             epoch=stored.epoch,
             retired=stored.retired,
             damaged=None if stored.damaged is None else Stale(since_ns=stored.received_ns or 0, reason=stored.damaged),
         )
+
+    @classmethod
+    def _of_windows(cls, store: SqlStore, asset: str) -> Snapshot:
+        """What a snapshot has of the newest windows."""
+        windows = store.latest_windows(asset, TAIL)
+        return cls(
+            asset=asset,
+            records=tuple(w.record for w in windows),
+            latest=next((trend_point(w) for w in reversed(windows) if has_point(w)), {}),
+            sparkline=Sparkline.from_store(store, asset, windows[-1].record["index"] if windows else -1),
+        )
+
+    def _followed(self, store: SqlStore, stored: StoredAsset) -> Snapshot | None:
+        """What a snapshot has of the newest windows, by the few that have been committed since this one; else None."""
+        more = stored.windows - self.windows_total
+        if stored.epoch != self.epoch or not self.records or not 0 <= more <= FEW:
+            return None
+        windows = store.windows(self.asset, self.records[-1]["index"], more + 1)
+        if len(windows) != more:
+            return None
+        found = Snapshot(asset=self.asset, records=self.records, latest=self.latest, sparkline=self.sparkline)
+        for window in windows:
+            found = found.with_window(window)
+        return found
 
     def with_window(self, window: StoredWindow) -> Snapshot:
         """The snapshot with one more committed window, without its report."""

@@ -7,6 +7,7 @@ window that is committed already is not committed again, so nothing is counted t
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -16,13 +17,12 @@ from typing import Any
 from sqlalchemy import BindParameter, Connection, Select, Update, and_, bindparam, func, or_, select, update
 
 from service.contract.overview import figures
-from service.errors import DamageError, StorageUnavailable
+from service.errors import DamageError, StorageUnavailable, StoreError
 from service.json_text import plain
 from service.results import fault_totals
 from service.results.asset_counts import COUNTS, is_sealed, sealed
 from service.results.backends import Backend
 from service.results.database import Database
-from service.results.every_asset import LAST_EVENTS, NEXT_INDICES
 from service.results.extremes import adding, outline, row_of
 from service.results.json_columns import dump, load, load_text, salvage, say_damage, seal
 from service.results.retention import END_OF_EPOCH, NOTABLE, STAYS
@@ -67,6 +67,12 @@ _EPOCHS = epochs_of(NAMED)
 _FROM = (  # with a range and a limit: SQLite walks along the asset's windows where it is given one number
     select(WINDOWS.c.record).where(_OF_EPOCH, WINDOWS.c.number >= bindparam("at")).order_by(WINDOWS.c.number).limit(1)
 )
+_MARK = select(ASSETS.c.mark).where(ASSETS.c.asset == NAMED)
+_HOLD = (
+    update(ASSETS).where(ASSETS.c.asset == NAMED, ASSETS.c.mark == bindparam("before")).values(mark=bindparam("now"))
+)
+_RENEW = update(ASSETS).where(ASSETS.c.asset == NAMED).values(mark=bindparam("now"))
+_NEXT_INDEX = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == NAMED)
 _OF_WINDOW = and_(WINDOWS.c.asset == EVENTS.c.asset, WINDOWS.c.start_ns == EVENTS.c.start_ns)
 _RECORD_OR_DATA = func.coalesce(WINDOWS.c.record, EVENTS.c.data)
 _IS_DAMAGED = EVENTS.c.start_ns != EVENTS.c.again_ns
@@ -79,8 +85,19 @@ _EVENTS = (
     .order_by(EVENTS.c.id)
     .limit(bindparam("most"))
 )
+_NEWEST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == ASSETS.c.asset)
+_LAST_EVENTS = select(ASSETS.c.asset, _NEWEST_EVENT.scalar_subquery())  # the index is entered once for each asset
 _LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == NAMED)
 _REFERRING = dump({})  # the data of an event that refers to its window
+
+
+class Superseded(StoreError):
+    """A job that cannot be committed: what it began with is no longer the present."""
+
+
+def new_mark() -> int:
+    """A mark that was never given before."""
+    return secrets.randbits(62)
 
 
 @cache
@@ -99,12 +116,14 @@ def _notable(row: Mapping[str, Any], record: Mapping[str, Any], first: bool) -> 
 class SqlStore:
     """Results of all assets in a database. Safe to use from several threads of one process."""
 
-    def __init__(self, where: Path | str | Backend | Database, *, claimed: bool = False) -> None:
+    def __init__(self, where: Path | str | Backend | Database, *, claimed: bool = False, shared: bool = False) -> None:
         """where    an open database; or one to be opened: the file of an SQLite database, the URL of a PostgreSQL
                  database, or how another one is connected to
         claimed  whether no other service may write to it meanwhile
+        shared   whether another process of this service has it open, and has examined it
         """
-        self.database = database = where if isinstance(where, Database) else Database(where, claimed=claimed)
+        opened = where if isinstance(where, Database) else Database(where, claimed=claimed, shared=shared)
+        self.database = database = opened
         self._transaction, self._rows, self._own = database.transaction, database.rows, database.own(ASSETS.c.asset)
         self._damaged: dict[str, str] = {}  # assets whose windows cannot go on, and why
         self._insert_window = database.insert(WINDOWS).on_conflict_do_nothing().returning(WINDOWS.c.start_ns)
@@ -152,7 +171,7 @@ class SqlStore:
         refused = record.get("quality") == "refused"
         shown = {} if report is None or refused else plain(figures(report))
         with self._transaction() as db:
-            self._refuse_damaged(asset)
+            self.demand_sound(asset)
             counts, events = self._counts(db, asset), list(events)
             number, epoch = record["index"], counts["epoch"]
             row = {
@@ -177,6 +196,28 @@ class SqlStore:
             self._add_events(db, asset, events, start_ns, record)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
+    def hold(self, asset: str, before: int, now: int) -> bool:
+        """Within the transaction of a job, first of all: nobody else has changed what it goes on from.
+
+        before, now  the asset's mark that the job began with, and the one that it leaves
+
+        False where an earlier attempt of the same job was committed already. Superseded where it may not be committed.
+        """
+        with self._transaction() as db:
+            if db.execute(_HOLD, {"of": asset, "before": before, "now": now}).rowcount:
+                return True
+            if self.mark(asset) == now:
+                return False
+        raise Superseded(f"something else has been committed of {asset} since this job began")
+
+    def mark(self, asset: str) -> int:
+        """Another one whenever a job of the asset goes on from something else; 0 where there is no such asset."""
+        return next((mark for (mark,) in self._rows(_MARK, {"of": asset})), 0)
+
+    def next_index(self, asset: str) -> int:
+        """Index of an asset's next window."""
+        return self._rows(_NEXT_INDEX, {"of": asset})[0][0]
+
     def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]], window_ns: int | None = None) -> None:
         """Takes in what happened outside a window, or after one that is committed."""
         events = list(events)
@@ -187,15 +228,22 @@ class SqlStore:
                 db.execute(STAYS, {"of": asset, "at": window_ns})
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
-        """Keeps the rig file's mapping for the asset, in place of an earlier one."""
-        self.keep(asset, rig=rig)
+        """Keeps the rig file's mapping for the asset, in place of an earlier one; a job under way is begun anew."""
+        with self._transaction():
+            self.keep(asset, rig=rig)
+            self.renew(asset)
+
+    def renew(self, asset: str) -> None:
+        """What jobs of the asset go on from is changed by the present transaction, which is no job's."""
+        with self._transaction() as db:
+            db.execute(_RENEW, {"of": asset, "now": new_mark()})
 
     def keep(self, asset: str, **parts: Any) -> None:
         """Keeps parts of what is known of an asset outside a window."""
         with self._transaction() as db:
             self.database.ensure(db, asset)
             if "state" in parts:  # where the stream goes on is kept all the same: windows that close can wait
-                self._refuse_damaged(asset)
+                self.demand_sound(asset)
             others: dict[str, Any] = {name: dump(parts.pop(name)) for name in ("question", "retired") if name in parts}
             given: dict[str, Any] = {name: parts.pop(name) for name in ("received_ns", "epoch") if name in parts}
             if given:
@@ -287,10 +335,6 @@ class SqlStore:
         assembly = self.shown_asset(asset).assembly or {}
         return assembly.get("closed_until_ns") or later_time_ns()
 
-    def next_indices(self) -> dict[str, int]:
-        """Index of every asset's next window."""
-        return dict(tuple(row) for row in self._rows(NEXT_INDICES.where(self._own)))
-
     def epochs(self, asset: str) -> tuple[Mapping[str, Any], ...]:
         """The epochs that have windows, from the first."""
         names = ("epoch", "windows", "first", "last")
@@ -319,7 +363,7 @@ class SqlStore:
         return self._rows(_LAST_EVENT, {"of": asset})[0][0]
 
     def last_event_ids(self) -> dict[str, int]:
-        return dict(tuple(row) for row in self._rows(LAST_EVENTS.where(self._own)))
+        return dict(tuple(row) for row in self._rows(_LAST_EVENTS.where(self._own)))
 
     # -- within --------------------------------------------------------------------------------------
 
@@ -347,11 +391,11 @@ class SqlStore:
             found = db.execute(_PRESENT, {"of": asset}).one()
         if not is_sealed(found._mapping):
             self._damaged[asset] = f"the counts of {asset} cannot be read from the database any more"
-            self._refuse_damaged(asset)
+            self.demand_sound(asset)
         return {name: found._mapping[name] for name in COUNTS}
 
-    def _refuse_damaged(self, asset: str) -> None:
-        """StorageUnavailable where the asset cannot go on from what is kept of it."""
+    def demand_sound(self, asset: str) -> None:
+        """StorageUnavailable where the asset cannot go on from what is kept of it, as far as it has been read."""
         if (why := self._damaged.get(asset)) is not None:
             text = f"{why}: its windows wait until a backup has been restored, or the machine was given another asset"
             raise StorageUnavailable(text, reason="damaged")

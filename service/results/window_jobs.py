@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import logging
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, delete, select, union_all, update
+from sqlalchemy import Connection, bindparam, delete, func, select, union_all, update
 
 from service.contract.base import iso_time
 from service.errors import StoreError
@@ -30,22 +30,24 @@ from service.stream.segment import Segment
 
 log = logging.getLogger(__name__)
 
-WAITING_WINDOWS = 1000  # of one asset that are kept until its question is answered ...
-WAITING_BYTES = 2**30  # ... and what they may take on disk
 PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
 _IS = JOBS.c.kind == WINDOW
 _OF = JOBS.c.asset == bindparam("of")
-_ALL_WAITING = select(*(JOBS.c[n] for n in ("asset", "id", "start_ns", "bytes", "file"))).where(_IS).order_by(JOBS.c.id)
+_NAMES = ("id", "asset", "start_ns", "received_ns", "bytes", "file", "held", "again", "refuse")
+_ALL_WAITING = select(*(JOBS.c[n] for n in _NAMES)).where(_IS).order_by(JOBS.c.id)
 _WAITING = _ALL_WAITING.where(_OF)
-_END_WAITING = (
-    delete(JOBS)
-    .where(JOBS.c.id == bindparam("number"))
-    .returning(*(JOBS.c[n] for n in ("id", "start_ns", "bytes", "file")))
-)
+_NEXT = _WAITING.where(JOBS.c.held == 0).limit(1)
+_NEWEST = select(*(JOBS.c[n] for n in _NAMES)).where(_IS, _OF).order_by(JOBS.c.id.desc()).limit(1)
+_HELD = select(func.count()).where(_IS, _OF, JOBS.c.held == 1)
+_END_WAITING = delete(JOBS).where(JOBS.c.id == bindparam("number")).returning(*(JOBS.c[n] for n in _NAMES))
 _END_WAITING_FROM = delete(JOBS).where(_IS, _OF, JOBS.c.id >= bindparam("number"))
+_THIS = update(JOBS).where(JOBS.c.id == bindparam("number"))
+_RELEASE = update(JOBS).where(_IS, _OF, JOBS.c.held == 1)
 _BEFORE = select(JOBS.c.given).where(JOBS.c.id == bindparam("number"))
 _GO_ON_FROM = update(ASSETS).where(ASSETS.c.asset == bindparam("of"))
+_COUNTED = (func.count(), func.count(JOBS.c.file), func.sum(JOBS.c.bytes), func.min(JOBS.c.received_ns))
+_COUNTS = select(JOBS.c.asset, JOBS.c.held, *_COUNTED).where(_IS).group_by(JOBS.c.asset, JOBS.c.held)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,9 +55,35 @@ class WaitingWindow:
     """One window that waits for its turn."""
 
     id: int
+    asset: str
     start_ns: int
+    received_ns: int  # when it was made durable, Unix time [ns]
     bytes: int
-    file: str  # its name
+    file: str | None  # its name; None where it is left out
+    held: bool = False  # whether it waits for an answer by people ...
+    again: bool = False  # ... or has done so before
+    refuse: str | None = None  # why it is not to be used; None where it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backlog:
+    """The windows of one asset that wait."""
+
+    windows: int = 0  # to be processed
+    held: int = 0  # for an answer by people
+    bytes: int = 0  # of all of them, on disk
+    left_out: int = 0  # of both, those without their frames
+    since_ns: int | None = None  # when the oldest was made durable that is to be processed; None where none is
+
+    @property
+    def all_windows(self) -> int:
+        """How many wait with their frames."""
+        return self.windows + self.held - self.left_out
+
+    @property
+    def lag(self) -> float:
+        """How long the oldest that is to be processed has waited; 0 where none is [s]."""
+        return 0.0 if self.since_ns is None else max(later_time_ns() - self.since_ns, 0) * 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +98,12 @@ class Written:
 class WindowJobs:
     """The windows of all assets that wait: in the results' database and the folder of segments."""
 
-    def __init__(self, database: Tables, folder: Path | None = None) -> None:
-        """folder  of segments; None where no window ever waits"""
+    def __init__(self, database: Tables, folder: Path | None = None, *, sweeps: bool = True) -> None:
+        """folder  of segments; None where no window ever waits
+        sweeps  whether files that no row names are deleted now
+        """
         self._database, self.folder = database, folder
-        if folder is None:
+        if folder is None or not sweeps:
             return
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -105,27 +135,38 @@ class WindowJobs:
             raise
         return Written(path=path, start_ns=segment.start_ns, bytes=size)
 
-    def add_waiting(
-        self,
-        asset: str,
-        written: Written,
-        beside: Sequence[WaitingWindow] | None = None,
-        before: Mapping[str, Any] | None = None,
-    ) -> WaitingWindow | None:
-        """Keeps a window until its turn comes; None where there is no room.
+    def add_waiting(self, asset: str, written: Written, before: Mapping[str, Any] | None = None) -> WaitingWindow:
+        """Keeps a window until its turn comes.
 
-        beside  the windows of the asset that wait already, where the caller has just read them
         before  where the asset's stream went on before it; empty before its first window
         """
-        waiting = self.waiting(asset) if beside is None else beside
-        if len(waiting) >= WAITING_WINDOWS or sum(w.bytes for w in waiting) >= WAITING_BYTES:
-            return None
-        start_ns, size, name = written.start_ns, written.bytes, written.path.name
+        now, name = later_time_ns(), written.path.name
         with self.transaction() as db:
             self._database.ensure(db, asset)
-            row = {"asset": asset, "start_ns": start_ns, "bytes": size, "file": name, "given": dump(before)}
-            number = self._database.add(db, JOBS, row | {"kind": WINDOW, "received_ns": later_time_ns()})
-        return WaitingWindow(id=number, start_ns=start_ns, bytes=size, file=name)
+            row = {"asset": asset, "start_ns": written.start_ns, "bytes": written.bytes, "file": name}
+            row |= {"given": dump(before), "kind": WINDOW, "received_ns": now}
+            number = self._database.add(db, JOBS, row)
+        return WaitingWindow(
+            id=number, asset=asset, start_ns=written.start_ns, received_ns=now, bytes=written.bytes, file=name
+        )
+
+    def leave_out(self, window: WaitingWindow, reason: str) -> None:
+        """A window that waits becomes a refused record in its turn; its file is deleted once that is committed."""
+        with self.transaction() as db:
+            left_out = _THIS.values(refuse=reason, file=None, bytes=0, given=None, held=0, again=JOBS.c.held)
+            db.execute(left_out, {"number": window.id})
+        delete_file(self.path_of(window))
+
+    def hold(self, number: int) -> None:
+        """A window waits for an answer by people from now on."""
+        with self.transaction() as db:
+            db.execute(_THIS.values(held=1), {"number": number})
+
+    def release(self, asset: str, refuse: str | None = None) -> None:
+        """The windows that waited for an answer go on; or are refused, for a reason."""
+        with self.transaction() as db:
+            values = {"held": 0, "again": 1} | ({} if refuse is None else {"refuse": refuse})
+            db.execute(_RELEASE.values(values), {"of": asset})
 
     def probe(self) -> None:
         """Writes to the folder and to the database, as a window is written; StoreError or OSError where that fails."""
@@ -145,7 +186,7 @@ class WindowJobs:
         assert self.folder is not None
         files = {path.name for path in self.folder.iterdir()}
         for asset, waiting in self.all_waiting().items():
-            gone = next((w for w in waiting if w.file not in files), None)
+            gone = next((w for w in waiting if w.file is not None and w.file not in files), None)
             if gone is None:
                 continue
             with self.transaction() as db:
@@ -166,35 +207,59 @@ class WindowJobs:
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
-        rows = self._database.rows(_WAITING, {"of": asset})
-        return tuple(WaitingWindow(id=i, start_ns=start, bytes=size, file=file) for _, i, start, size, file in rows)
+        return tuple(map(_window, self._database.rows(_WAITING, {"of": asset})))
+
+    def newest(self, asset: str) -> WaitingWindow | None:
+        """The window of an asset that came last."""
+        return next(map(_window, self._database.rows(_NEWEST, {"of": asset})), None)
+
+    def next(self, asset: str) -> WaitingWindow | None:
+        """The window of an asset whose turn it is."""
+        return next(map(_window, self._database.rows(_NEXT, {"of": asset})), None)
+
+    def held(self, asset: str) -> int:
+        """How many windows of an asset wait for an answer by people."""
+        return self._database.rows(_HELD, {"of": asset})[0][0]
+
+    def backlogs(self) -> dict[str, Backlog]:
+        """What waits, by asset."""
+        found: dict[str, Backlog] = {}
+        own = self._database.own(JOBS.c.asset)
+        for asset, held, windows, files, size, since_ns in self._database.rows(_COUNTS.where(own)):
+            known = found.get(asset, Backlog())
+            counted = {"held": windows} if held else {"windows": windows, "since_ns": since_ns}
+            counted["left_out"] = known.left_out + windows - files
+            found[asset] = replace(known, bytes=known.bytes + int(size or 0), **counted)
+        return found
 
     def all_waiting(self) -> dict[str, tuple[WaitingWindow, ...]]:
         """The windows of all assets that wait, by asset."""
         waiting: dict[str, tuple[WaitingWindow, ...]] = {}
-        for asset, number, start, size, file in self._database.rows(
-            _ALL_WAITING.where(self._database.own(JOBS.c.asset))
-        ):
-            kept = WaitingWindow(id=number, start_ns=start, bytes=size, file=file)
-            waiting[asset] = (*waiting.get(asset, ()), kept)
+        for kept in map(_window, self._database.rows(_ALL_WAITING.where(self._database.own(JOBS.c.asset)))):
+            waiting[kept.asset] = (*waiting.get(kept.asset, ()), kept)
         return waiting
 
     def drop_waiting(self, number: int) -> WaitingWindow | None:
         """Ends the wait of a window that is processed by the present transaction; None where it has ended before."""
         with self.transaction() as db:
             row = db.execute(_END_WAITING, {"number": number}).one_or_none()
-        return None if row is None else WaitingWindow(**row._mapping)
+        return None if row is None else _window(row)
 
-    def path_of(self, window: WaitingWindow) -> Path:
-        """The file of a window that waits."""
+    def path_of(self, window: WaitingWindow) -> Path | None:
+        """The file of a window that waits; None where it is left out."""
         assert self.folder is not None
-        return self.folder / window.file
+        return None if window.file is None else self.folder / window.file
 
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
             self._database.ensure(db, other)
             db.execute(update(JOBS).where(_IS, JOBS.c.asset == asset).values(asset=other))
+
+
+def _window(row: Any) -> WaitingWindow:
+    named = dict(zip(_NAMES, row, strict=True))
+    return WaitingWindow(**named | {name: bool(named[name]) for name in ("held", "again")})
 
 
 def delete_file(path: Path | None) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 from service.contract.answer import RigSummary, assemble
 from service.errors import FrameError, InputError
 from service.files.recorded_rig import Source, choose_asset, rig_of
-from service.results.jobs import Job
 from service.runtime.outcomes import Outcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin, gear_twin
@@ -108,7 +107,7 @@ class _Results:
         self.report: Mapping[str, Any] | None = None
         self.state: Any = None
 
-    def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
+    def commit(self, outcome: Outcome) -> bool:
         self.records.append(outcome.record)
         self.report, self.state = outcome.report, outcome.state
         return True

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Collection
 
 from service.results.asset_table import AssetTable
-from service.results.snapshot import Waiting
+from service.results.snapshot import Snapshot, Waiting
+from service.results.window_jobs import Backlog
+from service.runtime.backlogs import Backlogs
 from service.runtime.computing import Computing
-from service.runtime.lane import Lane
-from service.runtime.lanes import Lanes
+from service.runtime.questions import ALL_WAIT
 from service.runtime.state_publication import StatePublication
 
 LOOK_EVERY = 1.0  # [s]
@@ -21,15 +22,16 @@ class BacklogWatch:
 
     def __init__(
         self,
-        lanes: Lanes,
+        backlogs: Backlogs,
         computing: Computing,
         table: AssetTable,
         publication: StatePublication,
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._lanes, self._computing, self._table, self._publication = lanes, computing, table, publication
+        self._backlogs, self._computing, self._table, self._publication = backlogs, computing, table, publication
         self._clock, self._looked = clock, float("-inf")
+        self._shown = {snapshot.asset for snapshot in table.every() if snapshot.waiting is not None}
 
     def __call__(self) -> None:
         """Looks at what waits, if that is due."""
@@ -38,28 +40,31 @@ class BacklogWatch:
             return
         self._looked = now
         at_work, reason = frozenset(map(self._named, self._computing.at_work())), self._computing.unusable()
-        for lane in self._lanes.all():
-            shown = self._table.latest(lane.asset)
-            found = waiting_of(lane, self._named(lane.asset), at_work, reason)
+        for asset in {*self._backlogs.all, *self._shown}:
+            shown = self._table.latest(asset)
+            found = waiting_of(self._backlogs.of(asset), shown, self._named(asset), at_work, reason)
             if shown is not None and shown.waiting != found:
-                self._table.note(lane.asset, waiting=found)
-                self._publication.publish(lane.asset)
+                self._table.note(asset, waiting=found)
+                self._publication.publish(asset)
+            (self._shown.discard if found is None else self._shown.add)(asset)
 
     def _named(self, asset: str) -> str:
         shown = self._table.latest(asset)
         return asset if shown is None else shown.name
 
 
-def waiting_of(lane: Lane, name: str, at_work: Collection[str], reason: str | None = None) -> Waiting | None:
-    """What waits in an asset's lane; None where nothing has waited for long. Windows that wait for people do not count.
+def waiting_of(
+    backlog: Backlog, shown: Snapshot | None, name: str, at_work: Collection[str], reason: str | None = None
+) -> Waiting | None:
+    """What waits of an asset; None where nothing has waited for long. Windows that wait for people do not count.
 
     name     of the asset
     at_work  the names of the assets whose twins compute now
     reason   why none can compute; None where they can
     """
-    entry = lane.next_entry()
-    if entry is None or lane.all_wait or entry.journey.waited < SHOWN_AFTER:
+    question = None if shown is None else shown.question
+    all_wait = question is not None and question["kind"] in ALL_WAIT
+    if backlog.since_ns is None or all_wait or backlog.lag < SHOWN_AFTER:
         return None
     behind = () if name in at_work else tuple(sorted(at_work))
-    waiting = len(lane.entries) - lane.held
-    return Waiting(windows=waiting, since_ns=entry.journey.closed_ns, behind=behind, reason=reason)
+    return Waiting(windows=backlog.windows, since_ns=backlog.since_ns, behind=behind, reason=reason)

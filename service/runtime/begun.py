@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import TracebackType
 
 from service.alarms.keeper import AlarmKeeper
-from service.alarms.rules import DEFAULT_RULES, Rule, load_rules
+from service.alarms.rules import rules_at
 from service.long_lived import long_lived
 from service.results.alarm_store import AlarmStore
 from service.results.asset_rows import put
@@ -61,7 +61,7 @@ class Begun(AbstractContextManager["Begun"]):
             windows.step_back()
             jobs = Jobs(store.database)
             names = Names(store.database)
-            alarms = AlarmKeeper(AlarmStore(store.database), rules_of(settings), settings.webhooks)
+            alarms = AlarmKeeper(AlarmStore(store.database), rules_at(settings.alarm_rules), settings.webhooks)
             declare(settings, store, names, elsewhere)
             known, table = stack.enter_context(_restored(store, alarms))
             kept = Kept(
@@ -119,8 +119,3 @@ def unknown_of(settings: Settings, elsewhere: Elsewhere = everything_here) -> Un
     return UnknownAssets(
         asks=rule == "ask", most=settings.unknown_assets, expire=settings.unknown_expire, elsewhere=elsewhere
     )
-
-
-def rules_of(settings: Settings) -> tuple[Rule, ...]:
-    """The alarm rules of assets that have none of their own."""
-    return DEFAULT_RULES if settings.alarm_rules is None else load_rules(settings.alarm_rules)

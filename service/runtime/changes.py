@@ -62,10 +62,9 @@ class Changes:
         *,
         names: Names,
         baselines: BaselineStore,
-        offers: Offers,
     ) -> None:
         self._jobs, self._windows, self._store, self._table = jobs, windows, store, table
-        self._names, self._baselines, self._offers = names, baselines, offers
+        self._names, self._baselines, self._offers = names, baselines, Offers(store.database)
         machine = JobKind(self._machine, self._ask_machine)
         self.kinds: Mapping[str, JobKind] = {
             **dict.fromkeys(("gears_replaced", "sensor_moved", "oil_changed", "counter_reset", "reassembled"), machine),

@@ -1,7 +1,8 @@
-"""One transaction for all that a job has led to; then it is shown in the table of assets and on the network.
+"""One transaction for all that a job has led to, and how the asset is shown then.
 
-A job may be committed a second time where an earlier attempt was committed without an answer: nothing is kept twice,
-and what is shown is what it has led to.
+A job is committed by whoever has carried it out. It holds the asset's mark, which says what it has gone on from: where
+something else has been committed meanwhile, it is not committed; where an attempt before had no answer, it is seen
+whether that was committed.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from service.alarms.keeper import AlarmKeeper
 from service.results.asset_table import AssetTable
@@ -22,7 +23,6 @@ from service.results.status_events import status_events
 from service.results.store import StoredWindow
 from service.results.window_jobs import WaitingWindow, WindowJobs, delete_file
 from service.runtime.outcomes import Outcome
-from service.runtime.state_publication import StatePublication
 from service.runtime.twin_port import Events
 from service.steady_clock import later_time_ns
 
@@ -32,62 +32,58 @@ KEPT = ("question", "rig", "retired", "epoch")  # parts of a snapshot that are c
 HEALTH = {"report", "question", "stale"}  # parts of a snapshot that its status is made of
 
 
+class Marks(NamedTuple):
+    """By what a job's transaction is known: the asset's mark before it, and after it."""
+
+    before: int
+    after: int
+
+
 class Commits:
-    """A `ResultSink` over store, table of assets and network."""
+    """Where outcomes are kept."""
 
     def __init__(
         self,
         store: SqlStore,
         table: AssetTable,
-        publication: StatePublication,
         windows: WindowJobs,
-        clock: Callable[[], int] = later_time_ns,
         signals: KeptSignals | None = None,
         alarms: AlarmKeeper | None = None,
+        clock: Callable[[], int] = later_time_ns,
     ) -> None:
         self._store, self._windows, self._jobs = store, windows, Jobs(store.database)
-        self._table, self._publication, self._clock = table, publication, clock
-        self._signals, self._alarms = signals, alarms
-        self._committed: tuple[Snapshot, int] | None = None  # how the asset is shown, and the version of its row
+        self._table, self._signals, self._alarms, self._clock = table, signals, alarms, clock
 
-    def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
-        """Keeps an outcome, with the alarms that it raises and how the asset is shown then, in one transaction."""
-        before, unnamed = self._table.latest(outcome.asset), list[Path]()
-        with self._windows.transaction():
-            waited = None if outcome.waited is None else self._windows.drop_waiting(outcome.waited)
-            named = waited if outcome.signals and self._signals is not None and self._signals.limit else None
-            shown = self._kept(outcome, job, before, named)
-            if shown is not None:
-                shown = replace(shown, last_event_id=self._store.last_event_id(outcome.asset)).with_whole()
-                version = self._table.write(shown)
-            if self._signals is not None and named is not None:
-                unnamed += self._signals.thin(outcome.asset)
-        if waited is not None and (named is None or shown is None):
-            unnamed.append(self._windows.path_of(waited))
+    def commit(self, outcome: Outcome, job: Job | None = None, marks: Marks | None = None) -> None:
+        """Keeps an outcome, with the alarms that it raises and how the asset is shown then, in one transaction.
+
+        job    that people have asked for; it ends with this
+        marks  of the asset's job; None for what is no job: it changes nothing that jobs go on from but the question
+
+        Raises Superseded where the job cannot be committed any more, and InputError where it is refused.
+        """
+        asset, unnamed = outcome.asset, list[Path]()
+        with self._windows.transaction() as db:
+            self._store.database.ensure(db, asset)
+            if marks is not None and not self._store.hold(asset, *marks):
+                self._table.changed(asset)  # by an attempt of which nobody knew
+                return
+            before = self._table.get(asset)
+            shown = self._kept(outcome, job, before, unnamed)
+            if marks is None and "question" in outcome.changed:
+                self._store.renew(asset)
+            shown = replace(shown, last_event_id=self._store.last_event_id(asset)).with_whole()
+            version = self._table.write(shown)
+        self._table.written(shown, version)
         for file in unnamed:
             delete_file(file)
-        if shown is None:
-            start = outcome.record["start_time"]
-            told = {"asset": outcome.asset, "window": start}
-            log.error("%s: window %s had been committed before", outcome.asset, start, extra=told)
-            return False
-        self._committed = shown, version
-        return True
-
-    def publish(self, outcome: Outcome) -> None:
-        """Shows the outcome that was committed last."""
-        assert self._committed is not None
-        self._table.written(*self._committed)
-        self._publication.publish(outcome.asset)
 
     # -- within --------------------------------------------------------------------------------------
 
-    def _kept(
-        self, outcome: Outcome, job: Job | None, before: Snapshot | None, named: WaitingWindow | None
-    ) -> Snapshot | None:
-        """Writes an outcome; how the asset is shown then. None where its window is another attempt's.
+    def _kept(self, outcome: Outcome, job: Job | None, before: Snapshot | None, unnamed: list[Path]) -> Snapshot:
+        """Writes an outcome; how the asset is shown then.
 
-        named  the window that waited, whose file its row names from now on
+        unnamed  takes the files that no row names any more
         """
         asset, changed = outcome.asset, dict(outcome.changed)
         parts = {n: v for n in ("making", "report") if (v := getattr(outcome, n)) is not None}
@@ -96,57 +92,76 @@ class Commits:
             parts["state"] = outcome.state.to_dict()
         if outcome.window is not None or outcome.held:
             changed["received_ns"] = self._clock()
+        if job is not None:
+            self._jobs.end(job.id, outcome.led_to)
+        waited = None
+        if outcome.waited is not None and outcome.held:
+            self._windows.hold(outcome.waited)
+        elif outcome.waited is not None:
+            waited = self._windows.drop_waiting(outcome.waited)
+        if changed.get("question") is not None:
+            changed["question"] = {**changed["question"], "waiting": self._windows.held(asset)}
+        elif "question" in changed:
+            self._windows.release(asset, outcome.refuse)
         columns = {name: changed[name] for name in KEPT if name in changed}
-        window, first = None, job is None or self._jobs.end(job.id, outcome.led_to)
-        if outcome.window is not None:
-            window = self._store.commit(
-                asset,
-                outcome.window.start_time_ns,
-                record=outcome.record,
-                received_ns=changed["received_ns"],
-                events=outcome.events,
-                before=outcome.before,
-                segment=None if named is None else named.file,
-                segment_bytes=None if named is None else named.bytes,
-                **{"report": None, **parts},
-            )
-            first = window is not None
-            window = window or self._found(outcome)
-            if window is None:
-                return None
-            if first and columns:
-                self._store.keep(asset, **columns)
-        elif first:
+        shown = before or Snapshot(asset=asset, label=asset)
+        if outcome.window is None:
             received = {"received_ns": changed["received_ns"]} if outcome.held else {}
             self._store.keep(asset, **parts, **columns, **received)
-        shown = before or Snapshot(asset=asset, label=asset)
-        shown = replace(shown if window is None else shown.with_window(window), **changed)
-        return self._judged(outcome, before, shown, first)
+            return self._judged(outcome, before, replace(shown, **changed))
+        window = self._window(outcome, changed["received_ns"], parts, waited, unnamed)
+        if window is None:
+            return shown
+        if columns:
+            self._store.keep(asset, **columns)
+        return self._judged(outcome, before, replace(shown.with_window(window), **changed))
 
-    def _judged(self, outcome: Outcome, before: Snapshot | None, shown: Snapshot, first: bool) -> Snapshot:
+    def _window(
+        self,
+        outcome: Outcome,
+        received_ns: int,
+        parts: Mapping[str, Any],
+        waited: WaitingWindow | None,
+        unnamed: list[Path],
+    ) -> StoredWindow | None:
+        """Writes a window, and which file has its signals; None where it had been committed before."""
+        asset, signals = outcome.asset, self._signals
+        named = waited if outcome.signals and signals is not None and signals.limit else None
+        assert outcome.window is not None
+        window = self._store.commit(
+            asset,
+            outcome.window.start_time_ns,
+            record=outcome.record,
+            received_ns=received_ns,
+            events=outcome.events,
+            before=outcome.before,
+            segment=None if named is None else named.file,
+            segment_bytes=None if named is None else named.bytes,
+            **{"report": None, **parts},
+        )
+        if waited is not None and (named is None or window is None):
+            unnamed += filter(None, [self._windows.path_of(waited)])
+        if signals is not None and named is not None:
+            unnamed += signals.thin(asset)
+        if window is None:
+            start = outcome.record["start_time"]
+            log.error("%s: window %s had been committed before", asset, start, extra={"asset": asset, "window": start})
+        return window
+
+    def _judged(self, outcome: Outcome, before: Snapshot | None, shown: Snapshot) -> Snapshot:
         """Judges the alarms, and writes what has happened; the snapshot with the alarms that are open then."""
         asset, alarms = outcome.asset, self._alarms
         health = replace(shown, unstored=None)  # it can be stored now
         events = () if outcome.window is not None else outcome.events
-        if first:
-            outcome.also()
-            if alarms is not None:
-                events = (*events, *_alarm_events(outcome, alarms, health.health()[1]))
+        outcome.also()
         if alarms is not None:
+            events = (*events, *_alarm_events(outcome, alarms, health.health()[1]))
             opened = alarms.open(asset)
             health, shown = replace(health, alarms=opened), replace(shown, alarms=opened)
-        if first:
-            if outcome.window is not None or HEALTH & outcome.changed.keys() or outcome.report is not None:
-                events = (*events, *status_events(before, *health.health()))
-            self._store.note(asset, events, None if outcome.window is None else outcome.window.start_time_ns)
+        if outcome.window is not None or HEALTH & outcome.changed.keys() or outcome.report is not None:
+            events = (*events, *status_events(before, *health.health()))
+        self._store.note(asset, events, None if outcome.window is None else outcome.window.start_time_ns)
         return shown
-
-    def _found(self, outcome: Outcome) -> StoredWindow | None:
-        """The window where an earlier attempt, of which that was not known, has committed it; else None."""
-        assert outcome.window is not None
-        found = self._store.windows(outcome.asset, outcome.index - 1, 1)
-        ours = found and (found[0].start_ns, found[0].record["index"]) == (outcome.window.start_time_ns, outcome.index)
-        return found[0] if ours else None
 
 
 def _alarm_events(outcome: Outcome, alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:

@@ -1,4 +1,4 @@
-"""What is asked of an asset's twin, and what it led to: data that can be handed to a thread or another process.
+"""What is asked of an asset's twin, and what it led to; and the turns of assets, which whoever computes is given.
 
     made = carry_out(call)
 
@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from service.contract.base import iso_time
+from service.errors import StoreError
 from service.logs import about
 from service.operation.journey import TOTAL
 from service.results.segment_file import read_segment
-from service.runtime.packed_state import PackedState
 from service.runtime.twin_port import Answer, Twin
 from service.stream.edge_counts import EncoderCounts
 from service.stream.segment import Segment
@@ -28,8 +28,6 @@ from twin.observed import TRACING, PartRefused, observed_by
 from twin.rig import Rig
 from twin.windows import Fault, Window
 
-OTHER_VERSION = "it was written by another version of gear-twin; use that version, or another --data directory"
-DAMAGED = "it is damaged, or this is an internal error; restore a backup, or report it"
 UNREADABLE = "stored_window"  # kind of the fault of a window whose file cannot be read
 
 
@@ -91,7 +89,6 @@ class Made:
     encoders counts of the encoders by its end; None where it was not made, or not to be used
     found    faults that its making has found, by channel and kind
     signals  whether it has any, as far as is known
-    unreadable  why the state could not be read, so that nothing was made
     handed_back  whether nothing was made, since a search for effects is due
     parts    how long it took: `total`, and the parts of the step that the twin names [s]
     """
@@ -104,20 +101,74 @@ class Made:
     encoders: EncoderCounts | None = None
     found: Mapping[tuple[str, str], int] = field(default_factory=dict)
     signals: bool = True
-    unreadable: str | None = None
     handed_back: bool = False
     parts: Mapping[str, float] = field(default_factory=dict)
 
 
-class Computing(Protocol):
-    """Where calls are carried out."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """An asset's next job is to be done.
 
-    def start(self, call: Call, done: Callable[[Made], None]) -> None:
-        """Carries a call out, and calls `done` with what was made: at once, or later in the thread that collects."""
+    hand_back  whether nothing is done where it leads to a search for effects, which may take long
+    tried      a row of the table of jobs that was begun, and of which nobody has told whether it has ended; 0 for none
+    refuse     what to say of that row where it has ended those who have tried it; None where it is tried again
+    """
+
+    asset: str
+    hand_back: bool = False
+    tried: int = 0
+    refuse: str | None = None
+
+    def refusal(self, row: int) -> str | None:
+        """Why a row is refused, or None."""
+        return self.refuse if self.tried == row else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turned:
+    """What was done of an asset's jobs. Times are Unix times of this host [ns].
+
+    job       id of the job that has ended, or waits for people from now on; None where none has; with `unstored`, that
+              of which nobody knows
+    verb      what the twin was asked; empty where it was not
+    index     of the window that was committed; -1 where it was none
+    grade     of that window
+    held      whether the window waits for people
+    parts     how long the twin took: `total`, and the parts that it names [s]
+    fault     whether the job was refused as a fault of the program
+    more      whether another job of the asset waits for its turn
+    search    whether nothing was done, since a search for effects is due
+    stopped   why nothing can be done of the asset until the next start
+    unstored  why it could not be committed now; what was computed is at hand for the next turn
+    """
+
+    asset: str
+    job: int | None = None
+    kind: str = ""
+    verb: str = ""
+    index: int = -1
+    grade: str = ""
+    held: bool = False
+    started_ns: int = 0
+    made_ns: int = 0
+    stored_ns: int = 0
+    parts: Mapping[str, float] = field(default_factory=dict)
+    fault: bool = False
+    more: bool = False
+    search: bool = False
+    stopped: str | None = None
+    unstored: StoreError | OSError | None = None
+
+
+class Computing(Protocol):
+    """Where turns are carried out."""
+
+    def start(self, turn: Turn, done: Callable[[Turned], None]) -> None:
+        """Carries a turn out, and calls `done` with what was done: at once, or later in the thread that collects."""
         ...
 
     def collect(self) -> None:
-        """Hands on what has been made since."""
+        """Hands on what has been done since."""
         ...
 
     def close(self) -> None:
@@ -129,7 +180,7 @@ class Computing(Protocol):
         ...
 
     def at_work(self) -> tuple[str, ...]:
-        """The assets whose calls are being carried out."""
+        """The assets whose turns are being carried out."""
         ...
 
     def figures(self) -> Mapping[str, float]:
@@ -137,42 +188,8 @@ class Computing(Protocol):
         ...
 
 
-class Inline:
-    """Calls are carried out at once, by the thread that makes them."""
-
-    def start(self, call: Call, done: Callable[[Made], None]) -> None:
-        done(carry_out(call))
-
-    def collect(self) -> None:
-        """Nothing is left to be collected."""
-
-    def close(self) -> None:
-        """Nothing is under way."""
-
-    def unusable(self) -> str | None:
-        """The thread that calls computes."""
-        return None
-
-    def at_work(self) -> tuple[str, ...]:
-        """Whoever asks is not at work."""
-        return ()
-
-    def figures(self) -> Mapping[str, float]:
-        """Nothing waits."""
-        return {}
-
-
 def carry_out(call: Call) -> Made:
-    """What is made of a call. Its state may be packed, and is loaded then."""
-    if isinstance(call.state, PackedState):
-        data = call.state.to_dict()
-        try:
-            state = call.twin.load_state(data) if data else call.twin.new_state()
-        except TwinError as error:
-            return Made(unreadable=f"{error}: {OTHER_VERSION}")
-        except ValueError as error:
-            return Made(unreadable=f"{error}: {DAMAGED}")
-        call = replace(call, state=state)
+    """What is made of a call."""
     given = call.ask.about
     window = {"window": iso_time(given.start_ns)} if isinstance(given, WindowToUse) else {}
     parts: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Calls to twins carried out by threads of this process, for as many assets at once as a twin allows."""
+"""Turns carried out by threads of this process, for as many assets at once as a twin allows."""
 
 from __future__ import annotations
 
@@ -7,34 +7,35 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 
-from service.runtime.computing import Call, Made, carry_out
+from service.runtime.computing import Turn, Turned
 
 NAME = "twin"  # how the threads' names begin
 
 
 class Threads:
-    """Calls in the order in which they were made, at most so many at once.
+    """Turns in the order in which they were asked for, at most so many at once.
 
-    at_once  how many calls may be carried out at once
+    at_once  how many may be carried out at once
+    work     carries one out
     wake     called, by any thread, when something is ready to be collected
     """
 
-    def __init__(self, at_once: int, wake: Callable[[], None]) -> None:
-        self._wake, self._free = wake, at_once
+    def __init__(self, at_once: int, work: Callable[[Turn], Turned], wake: Callable[[], None]) -> None:
+        self._work_of, self._wake, self._free = work, wake, at_once
         self._lock = threading.Lock()
-        self._calls: queue.SimpleQueue[tuple[Call, Callable[[Made], None]]] = queue.SimpleQueue()
-        self._made: queue.SimpleQueue[tuple[Callable[[Made], None], Made | BaseException]] = queue.SimpleQueue()
+        self._calls: queue.SimpleQueue[tuple[Turn, Callable[[Turned], None]]] = queue.SimpleQueue()
+        self._made: queue.SimpleQueue[tuple[Callable[[Turned], None], Turned | BaseException]] = queue.SimpleQueue()
         self._ended = False
-        self._began: dict[int, tuple[float, str]] = {}  # by thread: when its call began, monotonic [s], and the asset
+        self._began: dict[int, tuple[float, str]] = {}  # by thread: when its turn began, monotonic [s], and the asset
 
-    def start(self, call: Call, done: Callable[[Made], None]) -> None:
-        """Has a call carried out; `done` is called by `collect`."""
-        self._calls.put((call, done))
+    def start(self, turn: Turn, done: Callable[[Turned], None]) -> None:
+        """Has a turn carried out; `done` is called by `collect`."""
+        self._calls.put((turn, done))
         with self._lock:
             if not self._free or self._ended:
                 return
             self._free -= 1
-        threading.Thread(target=self._work, name=f"{NAME} of {call.asset}", daemon=True).start()
+        threading.Thread(target=self._work, name=f"{NAME} of {turn.asset}", daemon=True).start()
 
     def collect(self) -> None:
         """Hands on what has been made. An exception of the program is raised here, by the thread that collects."""
@@ -56,7 +57,7 @@ class Threads:
         return None
 
     def at_work(self) -> tuple[str, ...]:
-        """The assets whose calls are being carried out."""
+        """The assets whose turns are being carried out."""
         return tuple(asset for _, asset in self._began.copy().values())
 
     def figures(self) -> Mapping[str, float]:
@@ -75,13 +76,13 @@ class Threads:
         while not self._ended:
             with self._lock:
                 try:
-                    call, done = self._calls.get_nowait()
+                    turn, done = self._calls.get_nowait()
                 except queue.Empty:
                     self._free += 1
                     return
-            self._began[threading.get_ident()] = time.monotonic(), call.asset
+            self._began[threading.get_ident()] = time.monotonic(), turn.asset
             try:
-                made: Made | BaseException = carry_out(call)
+                made: Turned | BaseException = self._work_of(turn)
             except BaseException as error:
                 made = error
             del self._began[threading.get_ident()]

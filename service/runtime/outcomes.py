@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 from service.alarms.keeper import AlarmKeeper
 from service.operation.journey import Journey
-from service.results.jobs import Job
 from service.runtime.twin_port import Events
 from service.stream.segment import Segment
 from twin.windows import Window
@@ -66,24 +65,10 @@ class Outcome:
     after: Callable[[], None] = _nothing
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checkpoint:
-    """Where an asset's windows ended: the newest outcome, as a store gives it back."""
-
-    index: int
-    state: Any  # twin.step.State
-    report: Mapping[str, Any] | None
-    assembly: Mapping[str, Any] | None  # None before the first window, which people's jobs may precede
-    quality: Mapping[str, Any] | None
-    making: Mapping[str, Any] = field(default_factory=dict)
-    question: Mapping[str, Any] | None = None
-    shed: int = 0  # windows that were left out because too much waited
-
-
 class ResultSink(Protocol):
     """Where outcomes go."""
 
-    def commit(self, outcome: Outcome, job: Job | None = None) -> bool:
+    def commit(self, outcome: Outcome) -> bool:
         """Keeps an outcome, whole; False, with nothing changed, where its window has been committed before."""
         ...
 

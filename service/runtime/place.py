@@ -28,6 +28,7 @@ class Place:
     encoders: EncoderCounts = field(default_factory=EncoderCounts)  # by the end of the last window that was made
     counts: Counts = field(default_factory=Counts)  # of its windows
     question: Mapping[str, Any] | None = None  # that is open
+    begun: bool = False  # whether any window has been processed
 
     @property
     def making(self) -> dict[str, Any]:
@@ -40,7 +41,7 @@ class Place:
         self.report = self.report if outcome.report is None else outcome.report
         self.question = outcome.changed.get("question", self.question)
         if outcome.window is not None:
-            self.index += 1
+            self.index, self.begun = self.index + 1, True
             self.make_from(outcome.making or {})
 
     def make_from(self, making: Mapping[str, Any]) -> None:

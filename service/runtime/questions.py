@@ -49,11 +49,9 @@ def frames_repeat(frames: int, differ: bool, time_ns: int) -> dict[str, Any]:
     return _question(REPEATED, detail, time_ns)
 
 
-def waiting(question: Mapping[str, Any], windows: int, left_out: int = 0) -> dict[str, Any]:
-    """The question with the windows that wait for its answer."""
-    out = {**question, "waiting": windows}
-    more = question.get("left_out", 0) + left_out
-    return {**out, "left_out": more} if more else out
+def one_left_out(question: Mapping[str, Any]) -> dict[str, Any]:
+    """The question after one more of the windows that waited for its answer has been left out."""
+    return {**question, "left_out": question.get("left_out", 0) + 1}
 
 
 def _question(kind: str, detail: str, time_ns: int) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from service.runtime.all_figures import database_figures, figures_of
 from service.runtime.begun import Begun, OpenStore
 from service.runtime.bridging import bridges_of
 from service.runtime.by_settings import twin_of, zenoh_of
+from service.runtime.computing_here import computing_here
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer, address_of, listening_at
 from service.runtime.raw_recorder import recording_raw
@@ -35,6 +36,7 @@ from service.runtime.rigs import GivenRigs
 from service.runtime.storage_wait import StoppedWaiting, opened
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
+from service.runtime.work import Workplace
 from service.runtime.worker import Worker
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
@@ -69,7 +71,8 @@ def run(
         store.database.took = timing.stored
         health = Health(settings.loop_limit)
         raw = stack.enter_context(recording_raw(settings, table, health))
-        worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), health, raw)
+        computing_of = partial(computing_here, place=place_of(settings, twin, open_store))
+        worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), health, raw, computing_of)
         worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
         bridges = bridges_of(settings, table, store, worker.offer, access)
         webhooks = WebhookSender(alarms.store, alarms.waiting)
@@ -117,6 +120,14 @@ def run(
         if worker.failure is not None:
             raise worker.failure
     return 0
+
+
+def place_of(settings: Settings, twin: Twin, open_store: OpenStore | None) -> Workplace | None:
+    """Where worker processes find the results; None where no other process can open them, or make the twin."""
+    if open_store is not None or twin.make is None:
+        return None
+    own = partial(SqlStore, database_of(settings.data, settings.database), shared=True)
+    return Workplace(settings=settings, open=own, make=twin.make, options=twin.options)
 
 
 def turns_of(health: Health) -> Callable[[], None]:

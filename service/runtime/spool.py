@@ -4,31 +4,33 @@ The file of its frames is written first, its name as well; what names it in the 
 goes on after it, are one transaction. Then the window is acknowledged, and neither the end of the process nor a power
 cut loses it. It waits until its asset's turn comes; the transaction that commits its results ends the wait.
 
-What waits is bounded. Over a bound the oldest window of the asset with most waiting is left out as a whole: it becomes
-a refused record with the reason. While the storage cannot be used, closed windows wait in memory, in the same order and
-within a bound of their own; one that is left out there keeps its place, without its frames.
+What waits is bounded. Over a bound the oldest window of the asset with most waiting is left out as a whole: in its turn
+it becomes a refused record with the reason. While the storage cannot be used, closed windows wait in memory, in the
+same order and within a bound of their own; one that is left out there keeps its place, without its frames.
 """
 
 from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
+from service.operation.journey import Journey
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WaitingWindow, WindowJobs, Written, delete_file
-from service.runtime.lane import Entry, Lane
-from service.runtime.lanes import SHED, Lanes
+from service.runtime.backlogs import Backlogs
 from service.runtime.outcomes import ClosedWindow
 from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
+from service.runtime.window_outcomes import without_room
 from service.steady_clock import later_time_ns
-from twin.windows import Fault, Window
 
 log = logging.getLogger(__name__)
 
+MOST_JOURNEYS = 10_000  # windows that wait and whose stages are remembered
 TOO_MANY = "left out: more windows of the asset waited to be processed than are kept"
 NOT_STORED = "left out: the storage could not be used, and more windows waited in memory than are kept there"
 
@@ -48,6 +50,7 @@ class Spool:
     """Where closed windows of all assets wait for their turn.
 
     settled  called with an asset when a window of it is durable
+    at_work  whether a job of an asset is being carried out: the window of which it may be is not left out
     """
 
     def __init__(
@@ -55,13 +58,17 @@ class Spool:
         windows: WindowJobs,
         store: SqlStore,
         reception: Reception,
-        lanes: Lanes,
+        backlogs: Backlogs,
         storage: StorageWatch,
         limits: BacklogLimits,
+        *,
+        settled: Callable[[str], object],
+        at_work: Callable[[str], bool],
     ) -> None:
-        self._windows, self._store, self._reception, self._lanes = windows, store, reception, lanes
-        self._storage, self._limits = storage, limits
-        self.settled: Callable[[str], object] = lambda asset: None
+        self._windows, self._store, self._reception, self._backlogs = windows, store, reception, backlogs
+        self._storage, self._limits, self._settled, self._at_work = storage, limits, settled, at_work
+        self._assemblies: dict[str, Mapping[str, Any]] = {}  # by asset: where its stream goes on after what is stored
+        self._journeys: dict[int, Journey] = {}  # by job
         self._pending: dict[str, deque[ClosedWindow]] = {}
         self._held = 0  # bytes of those, in memory
         self._unanswered: dict[str, Written] = {}  # files that the database may name: a commit had no answer
@@ -85,10 +92,25 @@ class Spool:
         pending = self._pending.get(asset)
         return min((closed.segment.start_ns for closed in pending.copy()), default=None) if pending else None
 
+    def goes_on(self, asset: str, assembly: Mapping[str, Any]) -> None:
+        """Where an asset's stream goes on, by what an earlier run has stored."""
+        self._assemblies[asset] = assembly
+
+    def journey(self, job: int) -> Journey:
+        """The stages of a window that waits no longer."""
+        return self._journeys.pop(job, None) or Journey()
+
     def give(self, asset: str, other: str) -> None:
-        """The windows of an asset that wait in memory are another one's, once that has been committed."""
+        """The windows of an asset that wait are another one's, as those that waited when that was committed."""
+        with self._windows.transaction():
+            self._windows.give_waiting(asset, other)
+            if asset in self._assemblies:
+                self._store.keep(other, assembly=self._assemblies[asset])
+        self._backlogs.changed()
         if asset in self._pending:
             self._pending[other] = deque(replace(closed, asset=other) for closed in self._pending.pop(asset))
+        if asset in self._assemblies:
+            self._assemblies[other] = self._assemblies[asset]
         if asset in self._unanswered:
             self._unanswered[other] = self._unanswered.pop(asset)
 
@@ -106,22 +128,17 @@ class Spool:
             if not done:
                 return
             self._held -= pending.popleft().segment.nbytes
-            self.settled(asset)
+            self._settled(asset)
         del self._pending[asset]
 
     def _keep(self, closed: ClosedWindow) -> None:
         asset, segment = closed.asset, closed.segment
-        lane = self._lanes.of(asset)
-        self._make_room(lane)
+        self._make_room(asset)
         before = self._unanswered.get(asset)
-        written, kept = before or self._windows.write(segment), None
+        written = before or self._windows.write(segment)
         try:
             with self._windows.transaction():
-                waiting = self._windows.waiting(asset)
-                if waiting and waiting[-1].start_ns == segment.start_ns:  # by an earlier attempt that did not know it
-                    kept = waiting[-1]
-                else:
-                    kept = self._windows.add_waiting(asset, written, waiting, lane.assembly)
+                kept = self._kept(asset, segment.start_ns, written)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
         except BaseException as error:
             if getattr(error, "unknown", False):
@@ -130,26 +147,47 @@ class Spool:
                 delete_file(written.path)  # of no window now
             raise
         self._unanswered.pop(asset, None)
-        if kept is None or kept.file != written.path.name:
+        if kept.file != written.path.name:
             delete_file(written.path)
-        if kept is None:
-            entry = Entry(start_ns=segment.start_ns, segment=segment.without_frames(_fault(TOO_MANY)))
-        else:
-            (entry,) = entries_of(self._windows, [kept])
-        closed.journey.kept_ns, entry.journey = later_time_ns(), closed.journey
-        self._lanes.put(asset, entry, closed.assembly)
+        closed.journey.kept_ns = later_time_ns()
+        self._journeys[kept.id] = closed.journey
+        if len(self._journeys) > MOST_JOURNEYS:
+            del self._journeys[next(iter(self._journeys))]
+        self._assemblies[asset] = closed.assembly
+        self._backlogs.changed()
+
+    def _kept(self, asset: str, start_ns: int, written: Written) -> WaitingWindow:
+        """The row of a window: a new one, or that of an earlier attempt of which nobody knew."""
+        newest = self._windows.newest(asset)
+        if newest is not None and newest.start_ns == start_ns:
+            return newest
+        return self._windows.add_waiting(asset, written, self._assemblies.get(asset, {}))
 
     # -- bounds --------------------------------------------------------------------------------------
 
-    def _make_room(self, lane: Lane) -> None:
+    def _make_room(self, asset: str) -> None:
         """Leaves windows out until one more of an asset has room."""
-        limits, lanes = self._limits, self._lanes
-        while lanes.backlog(lane.asset) >= limits.windows or lane.bytes >= limits.bytes:
-            if not lanes.shed(lane.asset, _refusal):
+        limits, backlogs = self._limits, self._backlogs
+        own = backlogs.now(asset)
+        while own.all_windows >= limits.windows or own.bytes >= limits.bytes:
+            if not self._leave_out(asset, self._windows.waiting(asset)):
                 break
-        while lanes.total_backlog >= limits.total_windows or lanes.total_bytes >= limits.total_bytes:
-            if not lanes.shed(lanes.most_waiting(), _refusal):
+            own = backlogs.now(asset)
+        while backlogs.windows >= limits.total_windows or backlogs.bytes >= limits.total_bytes:
+            crowded = backlogs.most_waiting()
+            if not self._leave_out(crowded, self._windows.waiting(crowded)):
                 break
+            backlogs.now(crowded)
+
+    def _leave_out(self, asset: str, waiting: Iterable[WaitingWindow]) -> bool:
+        """Leaves the oldest window out that waits and is not at work; False where there is none."""
+        next_one = self._windows.next(asset) if self._at_work(asset) else None
+        for window in waiting:
+            if window.file is not None and (next_one is None or window.id != next_one.id):
+                self._windows.leave_out(window, TOO_MANY)
+                self._backlogs.changed()
+                return True
+        return False
 
     def _leave_out_pending(self) -> None:
         """The oldest window in memory, of the asset that takes most there, loses its frames and keeps its place."""
@@ -159,20 +197,5 @@ class Spool:
         place = next(i for i, closed in enumerate(pending) if closed.segment.nbytes)
         closed = pending[place]
         self._held -= closed.segment.nbytes
-        pending[place] = replace(closed, segment=closed.segment.without_frames(_fault(NOT_STORED)))
+        pending[place] = replace(closed, segment=closed.segment.without_frames(without_room(NOT_STORED)))
         log.warning("%s: %s", asset, NOT_STORED, extra={"asset": asset})
-
-
-def entries_of(windows: WindowJobs, waiting: Iterable[WaitingWindow]) -> list[Entry]:
-    """Windows that wait on disk as places in an asset's lane."""
-    return [Entry(start_ns=w.start_ns, number=w.id, file=windows.path_of(w), bytes=w.bytes) for w in waiting]
-
-
-def _refusal(entry: Entry) -> Window:
-    """A window on disk that is left out."""
-    return Window(start_time_ns=entry.start_ns, faults=(_fault(TOO_MANY),), quality="refused")
-
-
-def _fault(reason: str) -> Fault:
-    """Why a window is refused whose frames are left out."""
-    return Fault(kind=SHED, channel="all", count=1, action="refused", detail=reason)

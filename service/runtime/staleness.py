@@ -24,7 +24,7 @@ from service.contract.base import spoken_time
 from service.contract.verdict import seconds_between
 from service.results.asset_table import AssetTable
 from service.results.snapshot import Snapshot, Stale
-from service.runtime.outcomes import Outcome, ResultSink
+from service.runtime.outcomes import Outcome
 from service.runtime.twin_port import Events
 from service.steady_clock import steady_time_ns
 from service.stream.frames import LENGTH_LIMITS
@@ -95,17 +95,20 @@ def stale(
 
 
 class StalenessWatch:
-    """Looks at all assets once a second; an asset that becomes stale is shown so, with an event."""
+    """Looks at all assets once a second; an asset that becomes stale is shown so, with an event.
+
+    keep  keeps what that changes, and shows it
+    """
 
     def __init__(
         self,
         table: AssetTable,
-        sink: ResultSink,
+        keep: Callable[[Outcome], None],
         limits: StalenessLimits,
         *,
         clock: Callable[[], int] = steady_time_ns,
     ) -> None:
-        self._table, self._sink, self._limits, self._clock = table, sink, limits, clock
+        self._table, self._keep, self._limits, self._clock = table, keep, limits, clock
         self._since = dict.fromkeys(table.known(), clock())  # when the service first knew of an asset [ns]
         self._retired: dict[str, int] = {}  # when an asset was last seen to be retired [ns]
         self._judged: dict[str, tuple[Mapping[str, Any], ...]] = {}  # alarms that the last evaluation left open
@@ -180,8 +183,7 @@ class StalenessWatch:
             return alarms.data(asset, data)
 
         outcome = Outcome(asset=asset, changed={"stale": found}, events=events, judge=judge)
-        self._sink.commit(outcome)
-        self._sink.publish(outcome)
+        self._keep(outcome)
         shown = self._table.latest(asset)
         self._judged[asset] = () if shown is None else shown.alarms
 

@@ -9,14 +9,12 @@ from service.results.asset_table import AssetTable
 from service.results.jobs import RIG_ACCEPTED, Job
 from service.results.sql_store import SqlStore
 from service.runtime.intake import Intake
-from service.runtime.lanes import Lanes
 from service.runtime.questions import GEARS_DIFFER, REPEATED
 from service.runtime.reception import Reception
 from service.runtime.spool import Spool
 from service.runtime.state_publication import StatePublication
 from service.runtime.streams import Streams
-
-BASELINES = ("baseline_given", "baseline_removed")
+from service.runtime.turns import Turns
 
 
 class StreamChanges:
@@ -25,7 +23,6 @@ class StreamChanges:
     def __init__(
         self,
         reception: Reception,
-        lanes: Lanes,
         store: SqlStore,
         table: AssetTable,
         publication: StatePublication,
@@ -33,9 +30,11 @@ class StreamChanges:
         streams: Streams,
         intake: Intake,
         spool: Spool,
+        turns: Turns,
     ) -> None:
-        self._reception, self._lanes, self._store, self._table = reception, lanes, store, table
+        self._reception, self._store, self._table = reception, store, table
         self._publication, self._streams, self._intake, self._spool = publication, streams, intake, spool
+        self._turns = turns
 
     def __call__(self, job: Job) -> None:
         """Follows a job."""
@@ -46,17 +45,13 @@ class StreamChanges:
             self._streams.reload()
         elif job.kind == "ignore" and outcome["question"] == REPEATED:
             self._reception.ignore_repeats(job.asset)
-        elif job.kind in BASELINES:
-            self._lanes.reopen(job.asset)
         elif job.kind in ("gears_replaced", RIG_ACCEPTED) and outcome.get("question") != GEARS_DIFFER:
             self._reception.reopen(job.asset)
-            self._lanes.reopen(job.asset)
 
     def _give(self, asset: str, name: str) -> None:
         """The stream is another machine's from now on; one that repeats times that have passed begins anew."""
         fresh = self._store.shown_asset(name).assembly is None
         self._streams.reload()
-        self._lanes.of(name)
         if fresh:
             self._reception.flush(asset)
         else:
@@ -65,4 +60,4 @@ class StreamChanges:
         self._intake.know(name)
         self._table.renewed(name)
         self._publication.publish(name)
-        self._lanes.give(asset, name, fresh=fresh)
+        self._turns.wake(name)

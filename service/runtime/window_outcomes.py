@@ -1,4 +1,4 @@
-"""What a window led to, as it is committed and published: its record, state, report, events and counters."""
+"""What a window led to, as it is committed: its record, state, report, events and counters."""
 
 from __future__ import annotations
 
@@ -9,6 +9,21 @@ from service.runtime.computing import Made
 from service.runtime.outcomes import Outcome
 from service.runtime.place import Place
 from service.runtime.twin_port import Events
+from twin.windows import Fault, Window
+
+SHED = "shed"  # kind of the fault of a window whose frames are left out
+LEFT_OUT = (SHED, "all")  # kind and channel of that fault where the window had been received whole
+
+
+def without_room(reason: str) -> Fault:
+    """Why a window is refused whose frames are left out."""
+    return Fault(kind=SHED, channel="all", count=1, action="refused", detail=reason)
+
+
+def left_out(start_ns: int, reason: str) -> Made:
+    """What is made of a window that had no room to wait."""
+    window = Window(start_time_ns=start_ns, faults=(without_room(reason),), quality="refused")
+    return Made(window=window, refused=reason, signals=False)
 
 
 def outcome_of(place: Place, made: Made) -> Outcome:

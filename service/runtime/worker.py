@@ -1,4 +1,4 @@
-"""The thread that owns the network's connection: it receives frames, and commits and publishes what windows led to."""
+"""The thread that owns the network's connection: it makes windows of frames, and shows what they lead to."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.contract.position import PositionModel, not_connected
 from service.errors import NotReachable, SteppedBack, StorageUnavailable
 from service.operation.health import READY, RECEPTION, WORKERS, Health
-from service.operation.journey import Arrived, Journey, nobody
+from service.operation.journey import Arrived, nobody
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
 from service.results.job_queue import ALARM, JobQueue
@@ -26,34 +26,32 @@ from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
 from service.results.unknown_assets import UnknownAssets
 from service.results.window_jobs import WindowJobs
-from service.runtime.asset_twins import AssetTwins
 from service.runtime.backlog_watch import BacklogWatch
-from service.runtime.changes import Changes
+from service.runtime.backlogs import Backlogs
+from service.runtime.carried_out import CarriedOut
 from service.runtime.commits import Commits
 from service.runtime.computing_here import ComputingOf, computing_here
-from service.runtime.decisions import Decisions
 from service.runtime.first_frames import FirstFrames
 from service.runtime.intake import Intake
-from service.runtime.job_worker import JobWorker
-from service.runtime.lanes import LEFT_OUT, Lanes
 from service.runtime.offer_writer import OfferWriter
-from service.runtime.outcomes import Checkpoint, ClosedWindow
-from service.runtime.packed_state import NEW, StoredState
+from service.runtime.outcomes import ClosedWindow, Outcome
 from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import pump
 from service.runtime.raw_recorder import RawRecorder
 from service.runtime.reception import Reception, assembly_settings
-from service.runtime.rig_questions import RigQuestions
 from service.runtime.rigs import OfferedRigs, Rigs
-from service.runtime.spool import BacklogLimits, Spool, entries_of
+from service.runtime.spool import BacklogLimits, Spool
 from service.runtime.staleness import WINDOWS_MISSED, StalenessLimits, StalenessWatch
 from service.runtime.state_publication import StatePublication
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.stream_changes import StreamChanges
+from service.runtime.stream_questions import StreamQuestions
 from service.runtime.streams import Streams
+from service.runtime.turns import Turns
 from service.runtime.twin_port import Twin, guarded
-from service.runtime.worker_figures import lane_figures, storage_figures, stream_figures
+from service.runtime.work import Work
+from service.runtime.worker_figures import shed_of, storage_figures, stream_figures, waiting_figures
 from service.settings import Settings
 from service.steady_clock import later_time_ns
 from service.stream.frames import Frame
@@ -135,8 +133,14 @@ class Worker(threading.Thread):
         self._stopping = threading.Event()
         self._reason: str | None = "not yet subscribed to the stream"
         self._transport: Transport | None = None
-        self._computing = computing_of(settings, self._twin, self._inbox.wake)
-        self._lanes: Lanes | None = None
+        self._here = Work(
+            kept.store, kept.table, self._twin,
+            windows=kept.windows, names=kept.names, baselines=kept.baselines, signals=kept.signals, alarms=kept.alarms,
+        )  # fmt: skip
+        self._computing = computing_of(settings, self._twin, self._here.turn, self._inbox.wake)
+        self._turns: Turns | None = None
+        self._backlogs: Backlogs | None = None
+        self._questions: StreamQuestions | None = None
         self._spool: Spool | None = None
         self._positions: Positions | None = None
         self._reception: Reception | None = None
@@ -169,6 +173,7 @@ class Worker(threading.Thread):
     def stop(self) -> None:
         """Tells the thread to end: windows that wait, and those in the twin, are left to the next start."""
         self._stopping.set()
+        self._here.ended.set()
         self._inbox.close()
         self._kept.close()
 
@@ -210,7 +215,7 @@ class Worker(threading.Thread):
             **stream_figures(self._inbox, network, self._streams, self._intake),
             "network_connected": float(self._reason is None and self._lost() is None),
             **storage_figures(self._storage, self._settings.data, self._spool),
-            **lane_figures(self._lanes, self._reception),
+            **waiting_figures(self._kept.table, self._turns, self._backlogs, self._reception),
             **self._computing.figures(),
             **(self._raw.figures() if self._raw else {}),
         }
@@ -245,8 +250,7 @@ class Worker(threading.Thread):
         positions, streams, between = self._once_stored(partial(self._prepared, transport, publication, offered))
         with positions, transport.subscribe(self._inbox):
             self._reason = None
-            assert self._lanes is not None
-            self._lanes.go()
+            self._go_on()
             pump(
                 self._inbox, streams, self._stopping, self._settings.idle_timeout, between,
                 channel_wait=self._settings.channel_wait, holding=self._holds,
@@ -282,77 +286,93 @@ class Worker(threading.Thread):
     ) -> tuple[Positions, Streams, Callable[[], None]]:
         """All that frames go through, as the last run left it: positions, streams, and what is done between frames."""
         kept, computing = self._kept, self._computing
-        store, table, windows, storage, known = kept.store, kept.table, kept.windows, self._storage, kept.known
+        store, table, windows, storage = kept.store, kept.table, kept.windows, self._storage
+        commits = Commits(store, table, windows, alarms=kept.alarms)
+        backlogs = self._backlogs = Backlogs(windows)
 
         def close(closed: ClosedWindow) -> None:
             closed.journey.received_ns = reception.last_arrival_ns(closed.asset) or 0
             spool.add(closed)
 
+        def settled(asset: str) -> None:
+            self._show_quality(reception, asset)
+            positions.moved(*streams.streams_of(asset))
+            turns.wake(asset)
+
+        def keep(outcome: Outcome) -> None:
+            commits.commit(outcome)
+            publication.publish(outcome.asset)
+            turns.wake(outcome.asset)
+
         reception = self._reception = self._receiving(offered, close)
-        sink = Commits(store, table, publication, windows, signals=kept.signals, alarms=kept.alarms)
-        lanes = self._lanes = Lanes(
-            reception,
-            sink,
-            computing,
-            twin_of=AssetTwins(self._twin, kept.baselines).of,
-            new_state=lambda: NEW,
-            asks=True,
-            storage=storage,
-            arrived=self._arrived,
-            timed=self.timed,
-        )
-        lanes.forget = windows.drop_waiting
-        spool = self._spool = Spool(windows, store, reception, lanes, storage, backlog_limits(self._settings))
-        restore(lanes, store, windows, known)
-        watch = StalenessWatch(table, sink, staleness_limits(self._settings))
+        turns = self._turns = Turns(computing, storage, lambda turned: carried_out(turned), self.timed)
+        spool = self._spool = Spool(
+            windows, store, reception, backlogs, storage, backlog_limits(self._settings),
+            settled=settled, at_work=turns.at_work,
+        )  # fmt: skip
+        restore(reception, spool, store, kept.known)
+        watch = StalenessWatch(table, keep, staleness_limits(self._settings))
         intake = self._intake = Intake(
             reception, lambda asset: self._show_quality(reception, asset), heard=watch.heard, storage=storage
         )
         streams = self._streams = Streams(kept.names, intake, self._is_retired, lambda: storage.unusable, kept.unknown)
-        jobs, offers = kept.queue.jobs, Offers(store.database)
-        offer_writer = OfferWriter(offers, jobs, kept.unknown, self._rigs)
+        offer_writer = OfferWriter(Offers(store.database), kept.queue.jobs, kept.unknown, self._rigs)
         kept.unknown.begin(
             lambda stream: table.latest(streams.asset_of(stream)) is not None, (*table.known(), *streams.routed)
         )
         positions = self._positions = Positions(
-            self._inbox,
-            transport,
-            streams,
-            pending=lambda stream: _closed_windows(spool, lanes, streams.asset_of(stream), computing.unusable()),
-            unknown=kept.unknown,
-        )
+            self._inbox, transport, streams, unknown=kept.unknown,
+            pending=lambda stream: self._closed_windows(spool, streams.asset_of(stream)),
+        )  # fmt: skip
         streams.moved = positions.moved
         first_frames = FirstFrames(reception, transport, self._inbox.ask, asset_of=streams.asset_of)
         streams.fed, streams.holds = first_frames.fed, first_frames.holds
-
-        spool.settled = lambda asset: positions.moved(*streams.streams_of(asset))
-        changes = Changes(jobs, windows, store, table, names=kept.names, baselines=kept.baselines, offers=offers)
         followed = StreamChanges(
-            reception, lanes, store, table, publication,
-            streams=streams, intake=intake, spool=spool,
+            reception, store, table, publication,
+            streams=streams, intake=intake, spool=spool, turns=turns,
         )  # fmt: skip
-        requests = JobWorker(kept.queue, lanes, {**Decisions(store).kinds, **changes.kinds}, followed)
-        questions = RigQuestions(reception, lanes, store, jobs, rigs=self._rigs, streams=streams, offered=offered)
+        questions = self._questions = StreamQuestions(
+            reception, table, store, kept.queue.jobs, keep, rigs=self._rigs, streams=streams, offered=offered
+        )
         questions.start()
         intake.begins = questions.first_frame
+        backlog = BacklogWatch(backlogs, computing, table, publication)
         storage_status = StorageStatus(storage, table, publication)
-        backlog = BacklogWatch(lanes, computing, table, publication)
+        carried_out = CarriedOut(
+            table, kept.queue, publication, backlogs, spool, storage,
+            streams=streams, positions=positions, followed=followed, arrived=self.arrived, alarms=kept.alarms,
+        )  # fmt: skip
 
         def between() -> None:
             self._look_at_link(transport)
-            self._look_after(spool, lanes, storage_status, publication)
+            storage.attempt(carried_out.follow)  # what could not be followed at once: before a turn is begun again
+            self._look_after(spool, turns, storage_status, publication)
+            for part in (self._look_at_jobs, backlogs):
+                storage.attempt(part)
             positions()
             first_frames()
             backlog()
-            for part in (questions, requests, watch, offer_writer):
+            for part in (questions, watch, offer_writer):
                 storage.attempt(part)
             if storage.reason is None:  # else what waits is kept first
                 storage.attempt(table.write_noted)
-            requests.tell()
+            carried_out.tell()
             for asset in kept.alarms.changed_by_people() if kept.alarms else ():
                 publication.publish(asset)
 
         return positions, streams, between
+
+    def _go_on(self) -> None:
+        """Goes on with what an earlier run has left."""
+        assert self._turns is not None and self._backlogs is not None
+        self._kept.queue.asked.set()
+        if self._storage.attempt(self._backlogs)[0]:
+            self._turns.wake(*self._backlogs.all)
+
+    def _look_at_jobs(self) -> None:
+        """What people have asked since is carried out."""
+        if self._kept.queue.asked.is_set() and self._turns is not None:
+            self._turns.wake(*self._kept.queue.assets())
 
     def _receiving(self, offered: OfferedRigs, close: Callable[[ClosedWindow], None]) -> Reception:
         known = self._kept.known
@@ -367,15 +387,9 @@ class Worker(threading.Thread):
 
     def _noticed(self, asset: str, repeats: Repeats) -> None:
         """Frames of times that have passed have come, or others since."""
-        lanes = self._lanes
-        if lanes is not None:
-            self._storage.attempt(lambda: lanes.look_for_repeats(asset, repeats))
-
-    def _arrived(self, asset: str, index: int, grade: str, journey: Journey) -> None:
-        """A window has been shown: one less waits."""
-        self.arrived(asset, index, grade, journey)
-        if self._positions is not None and self._streams is not None:
-            self._positions.moved(*self._streams.streams_of(asset))
+        questions = self._questions
+        if questions is not None:
+            self._storage.attempt(lambda: questions.look_for_repeats(asset, repeats))
 
     def _look_at_link(self, transport: Transport) -> None:
         """From time to time: whether publishers can be heard."""
@@ -384,22 +398,22 @@ class Worker(threading.Thread):
             self._link_at, self._cut_off = now + TICK, transport.interrupted()
 
     def _look_after(
-        self, spool: Spool, lanes: Lanes, storage_status: StorageStatus, publication: StatePublication
+        self, spool: Spool, turns: Turns, storage_status: StorageStatus, publication: StatePublication
     ) -> None:
-        """Takes what the twins have made, and tries the storage again where that is due."""
+        """Takes what has been carried out, and tries the storage again where that is due."""
         self._beat()
         self._computing.collect()
         self._supervised()
         if self._storage.reason is not None and not self._storage.pausing:
-            self._try_again(self._storage, spool, lanes)
+            self._try_again(self._storage, spool, turns)
         elif time.monotonic() >= self._look_at:  # nothing has to be kept while machines stand still
             self._look_at = time.monotonic() + LOOK
             self._storage.attempt(self._kept.windows.probe)
         if self._storage.lasts:
             self._kept.queue.release()
         storage_status()
-        while lanes.stopped:
-            asset, reason = lanes.stopped.pop()
+        while turns.stopped:
+            asset, reason = turns.stopped.pop()
             self._kept.table.note(asset, damaged=Stale(since_ns=later_time_ns(), reason=reason))
             publication.publish(asset)
 
@@ -407,10 +421,19 @@ class Worker(threading.Thread):
         if self._raw is not None:
             self._raw.offer(frame)
 
-    def _try_again(self, storage: StorageWatch, spool: Spool, lanes: Lanes) -> None:
+    def _try_again(self, storage: StorageWatch, spool: Spool, turns: Turns) -> None:
         """Keeps what has waited for the storage; a window's file is the last thing to fit on a disk that was full."""
-        if spool.retry() and lanes.retry() and storage.attempt(self._kept.windows.probe)[0]:
+        if spool.retry() and turns.retry() and storage.attempt(self._kept.windows.probe)[0]:
             storage.worked()
+
+    def _closed_windows(self, spool: Spool, asset: str) -> ClosedWindows:
+        assert self._backlogs is not None
+        return ClosedWindows(
+            unstored_from_ns=spool.unstored_from_ns(asset),
+            waiting=self._backlogs.of(asset).windows,
+            shed=shed_of(self._kept.table, asset),
+            unassessed=self._computing.unusable(),
+        )
 
     def _is_retired(self, asset: str) -> bool:
         snapshot = self._kept.table.latest(asset)
@@ -427,16 +450,6 @@ def staleness_limits(settings: Settings) -> StalenessLimits:
     return StalenessLimits(silent=settings.stale_after, fruitless=fruitless)
 
 
-def _closed_windows(spool: Spool, lanes: Lanes, asset: str, unassessed: str | None) -> ClosedWindows:
-    lane = lanes.find(asset)
-    return ClosedWindows(
-        unstored_from_ns=spool.unstored_from_ns(asset),
-        waiting=lanes.unprocessed(asset),
-        shed=0 if lane is None else lane.shed,
-        unassessed=unassessed,
-    )
-
-
 def backlog_limits(settings: Settings) -> BacklogLimits:
     """How much may wait to be processed, by the service's settings."""
     return BacklogLimits(
@@ -448,35 +461,13 @@ def backlog_limits(settings: Settings) -> BacklogLimits:
     )
 
 
-def restore(
-    lanes: Lanes, store: SqlStore, windows: WindowJobs | None = None, known: dict[str, StoredAsset] | None = None
-) -> None:
-    """Goes on where the store's assets ended. What their twins remember is read when it is first needed.
+def restore(reception: Reception, spool: Spool, store: SqlStore, known: dict[str, StoredAsset]) -> None:
+    """Goes on where the streams of the store's assets ended.
 
-    known  all assets of the store, where they have been read; it is empty afterwards: the table and the lanes go on
+    known  all assets of the store, as they have been read; empty afterwards
     """
-    next_indices, waiting = store.next_indices(), {} if windows is None else windows.all_waiting()
-    for stored in [*known.values()] if known else store.all_assets():
-        asset = stored.asset
-        entries = [] if windows is None else entries_of(windows, waiting.get(asset, ()))
-        if stored.assembly is None and not stored.has_state:
-            lanes.leave(asset, entries)
-            continue
-        checkpoint = Checkpoint(
-            index=next_indices.get(asset, 0) - 1,
-            state=NEW if not stored.has_state else StoredState(partial(_state_of, asset, store)),
-            report=stored.report,
-            assembly=stored.assembly,
-            quality=stored.quality,
-            making=stored.making or {},
-            question=stored.question,
-            shed=stored.fault_totals.get((*LEFT_OUT, "refused"), (0, 0))[1],
-        )
-        lanes.restore(asset, checkpoint, entries)
-    if known:
-        known.clear()
-
-
-def _state_of(asset: str, store: SqlStore) -> Mapping[str, Any] | None:
-    """What is stored of an asset's twin."""
-    return store.asset(asset).state
+    for stored in [*known.values()] or store.all_assets():
+        if stored.assembly:
+            reception.resume(stored.asset, stored.assembly, stored.quality or {})
+            spool.goes_on(stored.asset, stored.assembly)
+    known.clear()

@@ -7,12 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from service.results.asset_table import AssetTable
+from service.runtime.backlogs import NOTHING, Backlogs
 from service.runtime.intake import Intake
-from service.runtime.lanes import Lanes
 from service.runtime.reception import Reception
 from service.runtime.spool import Spool
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
+from service.runtime.turns import Turns
+from service.runtime.window_outcomes import LEFT_OUT
 from service.stream.inbox import Inbox
 
 CAUSES = ("no_room", "bad_key", "too_many_streams", "closed", "retired", "unopened")
@@ -48,18 +51,27 @@ def storage_figures(storage: StorageWatch, data: Path, spool: Spool | None) -> d
         return found
 
 
-def lane_figures(lanes: Lanes | None, reception: Reception | None) -> dict[str, Any]:
+def waiting_figures(
+    table: AssetTable, turns: Turns | None, backlogs: Backlogs | None, reception: Reception | None
+) -> dict[str, Any]:
     """Of the windows that wait, all together and by asset."""
-    every = [] if lanes is None else lanes.all()
-    shed = {(lane.asset, "processing"): lane.shed for lane in every}
+    every = {} if backlogs is None else backlogs.all
+    known = dict.fromkeys(table.known(), NOTHING) | dict(every)
+    shed = {(asset, "processing"): shed_of(table, asset) for asset in known}
     if reception is not None:
         shed |= {(asset, "reception"): count for asset, count in reception.shed().items()}
     return {
-        "program_faults": 0 if lanes is None else lanes.faults,
-        "windows_waiting": sum(len(lane.entries) for lane in every),
-        "windows_waiting_bytes": sum(lane.bytes for lane in every),
-        "lag_seconds": {lane.asset: lane.lag for lane in every},
-        "backlog_windows": {lane.asset: max(len(lane.entries) - lane.held, 0) for lane in every},
-        "held_windows": {lane.asset: lane.held for lane in every},
+        "program_faults": 0 if turns is None else turns.faults,
+        "windows_waiting": sum(waits.all_windows for waits in every.values()),
+        "windows_waiting_bytes": sum(waits.bytes for waits in every.values()),
+        "lag_seconds": {asset: waits.lag for asset, waits in known.items()},
+        "backlog_windows": {asset: waits.windows for asset, waits in known.items()},
+        "held_windows": {asset: waits.held for asset, waits in known.items()},
         "windows_shed": shed,
     }
+
+
+def shed_of(table: AssetTable, asset: str) -> int:
+    """How many windows of an asset were left out because too many waited."""
+    shown = table.latest(asset)
+    return 0 if shown is None else shown.fault_totals.get((*LEFT_OUT, "refused"), (0, 0))[1]

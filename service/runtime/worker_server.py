@@ -5,6 +5,7 @@ It is started with the modules of this process, ends with it, and is killed wher
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -14,6 +15,7 @@ from contextlib import suppress
 from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 
+PARENT_DEATH = 1  # of prctl: which signal comes once the process has ended that made this one
 QUIET_TRACKER = "ignore:resource_tracker:UserWarning"
 _server_starts = threading.Lock()
 
@@ -43,6 +45,15 @@ def kill_server() -> None:
     if server is not None:
         with suppress(ProcessLookupError):
             os.kill(server, signal.SIGKILL)
+
+
+def end_with_server() -> None:
+    """Within a process that the server has made: the kernel ends it with the server, and that ends with the service.
+
+    Also where it is suspended: in the midst of a transaction it would hold up the next start.
+    """
+    ctypes.CDLL(None).prctl(PARENT_DEATH, signal.SIGKILL)
+    os.close(forkserver._forkserver._forkserver_alive_fd)  # type: ignore[attr-defined]  # by which the server would live
 
 
 def server_context() -> BaseContext:

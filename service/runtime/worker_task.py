@@ -1,8 +1,7 @@
-"""What a worker process does: one call after the other, with what it has loaded before at hand.
+"""What a worker process does: one turn after the other, with what it has loaded before at hand.
 
-Everything arrives as bytes, so that the service's own process neither parses nor builds states. Rigs, twins and the
-states that a call led to are kept by what they were made from, within bounds. What is logged meanwhile goes back with
-the result: the service's log has it in its own form, and no lock is shared with a process that may be killed.
+It reads what it works on from the database, and commits what that leads to. What is logged meanwhile goes back with the
+answer: the service's log has it in its own form, and no lock is shared with a process that may be killed.
 """
 
 from __future__ import annotations
@@ -12,95 +11,43 @@ import os
 import pickle
 import signal
 import threading
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import connection, parent_process
-from typing import Any, TypeVar
+from typing import Any
 
+from service.errors import StoreError
 from service.logs import carry
-from service.runtime.computing import Ask, Call, Made, carry_out
+from service.runtime.computing import Turn, Turned
 from service.runtime.curves import CurvePlace, Curves, WorkerCurves
-from service.runtime.packed_state import PackedState
-from service.runtime.twin_port import Twin, guarded
-from twin.rig import Rig
+from service.runtime.work import Work
+from service.runtime.worker_server import end_with_server
 
-T = TypeVar("T")
-
-MACHINES = 2048  # that are at hand pickled; those of others are pickled again
-KEPT = 64  # assets whose rig, twin and state a worker has at hand; those of others are loaded again
 NICENESS = 10  # of a worker: frames are received and requests are answered before windows are computed
-MOST_RECORDS = 200  # log records that one call sends back
-
-Machine = tuple[Callable[[Any], Twin], Any, Rig]
-"""What makes a twin, its options, and the rig."""
+MOST_RECORDS = 200  # log records that one turn sends back
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A call as it is sent to a worker.
+    """A turn as it is sent to a worker.
 
     curves  where wear curves are kept, for those that this worker has not computed; None where they are nowhere
     """
 
-    asset: str
-    machine: bytes  # a pickled `Machine`
-    state: PackedState
-    ask: Ask
-    hand_back: bool = False
+    place: bytes  # a pickled `Workplace`
+    turn: Turn
     curves: CurvePlace | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """What a worker sends back: `made.state` is packed.
+    """What a worker sends back.
 
     curves  the asset's wear curves, where there are new ones and they are kept
     """
 
-    made: Made
+    turned: Turned
     records: tuple[logging.LogRecord, ...]
     curves: Curves | None = None
-
-
-class Tasks:
-    """Calls as tasks; machines are pickled once."""
-
-    def __init__(self, curves: CurvePlace | None = None) -> None:
-        self._curves = curves
-        self._machines = _Recent(MACHINES)  # twin, rig and both pickled, by asset
-
-    def of(self, call: Call) -> Task:
-        """The task of a call whose state is packed."""
-        assert isinstance(call.state, PackedState)
-        known = self._machines.get(call.asset)
-        if known is None or known[0] is not call.twin or known[1] is not call.rig:
-            pickled = pickle.dumps((call.twin.make, call.twin.options, call.rig))
-            known = call.twin, call.rig, pickled
-            self._machines.keep(call.asset, known)
-        return Task(
-            asset=call.asset, machine=known[2], state=call.state, ask=call.ask, hand_back=call.hand_back,
-            curves=self._curves,
-        )  # fmt: skip
-
-
-class _Recent(OrderedDict[Hashable, Any]):
-    """Values by key, so many of the most recently used ones."""
-
-    def __init__(self, most: int = KEPT) -> None:
-        super().__init__()
-        self._most = most
-
-    def get_or(self, key: Hashable, make: Callable[[], T]) -> T:
-        value: T = self[key] if key in self else make()
-        self.keep(key, value)
-        return value
-
-    def keep(self, key: Hashable, value: Any) -> None:
-        self[key] = value
-        self.move_to_end(key)
-        while len(self) > self._most:
-            self.popitem(last=False)
 
 
 class _Records(logging.Handler):
@@ -120,14 +67,22 @@ class _Records(logging.Handler):
         return taken
 
 
-_machines, _states, _records, _curves = _Recent(), _Recent(), _Records(), WorkerCurves()
+_works: dict[bytes, Work] = {}
+_records, _curves = _Records(), WorkerCurves()
+_begun: Any = None
 
 
-def begin(log_level: int, cache_bytes: int) -> None:
-    """Prepares a worker: it ends with the service, and not by signals that are meant for that."""
+def begin(log_level: int, cache_bytes: int, begun: Any) -> None:
+    """Prepares a worker: it ends with the service, and not by signals that are meant for that.
+
+    begun  a number in shared memory: the row that it is at
+    """
+    global _begun
+    _begun = begun
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    end_with_server()
     prepare(log_level, cache_bytes)
 
 
@@ -152,25 +107,22 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
+def _note_begun(row: int) -> None:
+    _begun.value = row
+
+
 def perform(task: Task) -> Reply:
-    """Carries a call out."""
-    twin, rig = _machines.get_or(task.machine, lambda: _machine(task.machine))
-    version, state = _states.get(task.asset, (None, None))
-    if task.state.version != version:
-        state = task.state
-    call = Call(asset=task.asset, twin=twin, rig=rig, state=state, ask=task.ask, hand_back=task.hand_back)
-    curves = None
-    with _curves.read_from(task.curves, task.asset):
-        made = carry_out(call)
-    if made.state is not None:
-        if task.curves is not None and twin.curves is not None:
-            curves = _curves.new_of(task.asset, twin.curves(rig, made.state))
-        packed = PackedState.of(made.state.to_dict())
-        _states.keep(task.asset, (packed.version, made.state))
-        made = replace(made, state=packed)
-    return Reply(made=made, records=_records.take(), curves=curves)
-
-
-def _machine(pickled: bytes) -> tuple[Twin, Rig]:
-    make, options, rig = pickle.loads(pickled)
-    return guarded(make(options), passed=(MemoryError,)), rig  # another process may have enough
+    """Carries a turn out."""
+    asset, curves = task.turn.asset, None
+    if task.place not in _works:
+        try:
+            _works[task.place] = pickle.loads(task.place).work(_note_begun)
+        except (StoreError, OSError) as error:
+            unstored = Turned(asset=asset, job=task.turn.tried, unstored=error)
+            return Reply(turned=unstored, records=_records.take())
+    work = _works[task.place]
+    with _curves.read_from(task.curves, asset):
+        turned = work.turn(task.turn)
+    if task.curves is not None and turned.index >= 0:
+        curves = _curves.new_of(asset, work.curves(asset))
+    return Reply(turned=turned, records=_records.take(), curves=curves)

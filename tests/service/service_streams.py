@@ -106,7 +106,7 @@ class Sink:
     def __init__(self, outcomes: list, published: list | None = None, known: tuple = ()) -> None:
         self.outcomes, self.published, self.known = outcomes, [] if published is None else published, known
 
-    def commit(self, outcome, job=None) -> bool:
+    def commit(self, outcome) -> bool:
         if outcome.window.start_time_ns in self.known:
             return False
         self.outcomes.append(outcome)

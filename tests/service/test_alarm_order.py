@@ -44,17 +44,35 @@ def test_an_alarm_that_escalates_while_it_is_acknowledged_is_shown_escalated(ben
     assert bench.board.get("unsw").last_event_id == bench.store.last_event_id("unsw")
 
 
+def test_what_a_window_shows_that_is_committed_just_before_a_signature_stays_shown(bench, monkeypatch):
+    """The list of assets had the earlier row again."""
+    bench.window(NEAR)
+    (alarm,) = bench.alarms()
+    transaction = bench.keeper.transaction
+
+    def overtaken():
+        monkeypatch.undo()
+        bench.window(WORN)
+        return transaction()
+
+    monkeypatch.setattr(bench.keeper, "transaction", overtaken)
+    monkeypatch.setattr(bench.board, "changed", lambda *assets: None)
+    assert bench.sign(alarm["id"], "acknowledge").status_code == 200
+    (listed,) = bench.board.summaries()
+    assert listed["windows"] == 2
+
+
 def test_an_alarm_that_is_cleared_while_a_window_is_published_stays_cleared(bench, monkeypatch):
     """The window showed it once more, active."""
     bench.window(NEAR)
     (alarm,) = bench.alarms()
-    publish = bench.sink.publish
+    publish = bench.publication.publish
 
-    def overtaken(outcome):
+    def overtaken(asset):
         assert bench.sign(alarm["id"], "clear").json()["state"] == "closed"
-        publish(outcome)
+        publish(asset)
 
-    monkeypatch.setattr(bench.sink, "publish", overtaken)
+    monkeypatch.setattr(bench.publication, "publish", overtaken)
     bench.window(HEALTHY)
     assert shown(bench) == stored(bench) == []
     assert len(bench.board.get("unsw").records) == 2  # the window is shown all the same

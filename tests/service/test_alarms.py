@@ -52,9 +52,7 @@ class Bench:
         self.board = fakes.WrittenTable(self.store, self.keeper)
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
-        self.sink = Commits(
-            self.store, self.board, self.publication, WindowJobs(self.store.database), alarms=self.keeper
-        )
+        self.commits = Commits(self.store, self.board, WindowJobs(self.store.database), alarms=self.keeper)
         self.client = Client(create_app(self.board, self.store, alarms=self.keeper, told=self.take_up))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 
@@ -65,9 +63,9 @@ class Bench:
             given = replace(given, record={**given.record, "indicators": indicators})
         if isinstance(found.wear, Unavailable):
             given = replace(given, report={**given.report, "wear": not_available(found.wear.reason)})
-        if self.sink.commit(given):
-            self.sink.publish(given)
-            self.index += 1
+        self.commits.commit(given)
+        self.publication.publish("unsw")
+        self.index = self.board.latest("unsw").windows_total
 
     def take_up(self, what, asset):
         """The worker takes up what became of an alarm."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import threading
 
 import pytest
 import service_fakes as fakes
@@ -20,6 +21,7 @@ from service.results.alarm_store import AlarmStore
 from service.results.jobs import Jobs
 from service.results.window_jobs import WindowJobs
 from service.runtime.replay import replay
+from service.runtime.work import Work
 
 WINDOWS = 4
 LATER = 86_400.0  # [s]
@@ -138,6 +140,31 @@ def test_another_machine_is_an_asset_of_its_own_with_the_stream_from_then_on(run
     send(network, third)
     wait_until(lambda: waiting(running, "bench-2") == WINDOWS)  # frames under the old name are the new asset's now
     assert waiting(running) is None and revolutions(running.windows()) == FIRST
+
+
+@pytest.mark.slow
+def test_a_window_that_closes_before_the_stream_has_followed_is_the_other_machines_too(
+    running, network, first, second, tmp_path, monkeypatch
+):
+    """It was used as the first machine's: whoever computes had committed the change, and had not said so yet."""
+    asked(running, network, first, second)
+    only_last(write_recording(tmp_path / "longer.mcap", WINDOWS + 1, later=LATER, seed=8), tmp_path / "last.mcap")
+    committed, answered, more = threading.Event(), threading.Event(), Work._more
+
+    def late(work, asset):
+        committed.set()
+        answered.wait(60)
+        return more(work, asset)
+
+    monkeypatch.setattr(Work, "_more", late)
+    asking = threading.Thread(target=change, args=(running, "other_machine"), kwargs={"name": "bench-2"})
+    asking.start()
+    assert committed.wait(30)
+    send(network, tmp_path / "last.mcap")
+    answered.set()
+    asking.join()
+    assert revolutions(running.wait_for_windows(WINDOWS + 1, "bench-2")) == [*FIRST, 2410]
+    assert revolutions(running.windows()) == FIRST and running.get(UNSW)["question"] is None
 
 
 @pytest.mark.slow

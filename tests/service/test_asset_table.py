@@ -6,6 +6,7 @@ import pytest
 import service_fakes as fakes
 
 from service.errors import StorageUnavailable
+from service.results.asset_rows import put
 from service.results.asset_table import AssetTable
 
 
@@ -63,3 +64,20 @@ def test_a_row_that_somebody_wrote_of_an_older_snapshot_is_written_again(store):
     table.renewed("unsw")
     table.write_noted()
     assert AssetTable(store).summaries()[0]["windows"] == 2
+
+
+def test_a_snapshot_that_goes_on_from_an_earlier_one_is_that_which_is_read_anew(store):
+    """Of windows that others have committed: a few, so many that all are read, and those of new gears."""
+    fakes.campaign(store, None, windows=3)
+    table = fakes.WrittenTable(store)
+    assert table.get("unsw").windows_total == 3
+    for index, more in ((3, 1), (4, 8), (12, 20)):
+        for number in range(index, index + more):
+            fakes.take(store, None, "unsw", number, 100.0 * number, updated=number == 4)
+        put(store.database, [fakes.WrittenTable(store).get("unsw")])
+        table.changed("unsw")
+        assert table.get("unsw") == fakes.WrittenTable(store).get("unsw")
+    store.keep("unsw", epoch=1)
+    fakes.take(store, None, "unsw", 32, 10.0)
+    put(store.database, [fakes.WrittenTable(store).get("unsw")])
+    assert table.get("unsw") == fakes.WrittenTable(store).get("unsw") and table.get("unsw").windows_total == 1

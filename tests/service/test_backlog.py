@@ -5,94 +5,37 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from types import SimpleNamespace
 
-import fake_twin
 import numpy as np
 import pytest
 import service_fakes as fakes
+from loops import loop_of
 from segments import segment_of
 
 from service.errors import StorageUnavailable
 from service.results import window_jobs
 from service.results.segment_file import read_segment
-from service.results.store import StoredWindow
-from service.results.window_jobs import WindowJobs, delete_file
-from service.runtime.computing import carry_out
-from service.runtime.lanes import SHED, Lanes
-from service.runtime.outcomes import ClosedWindow
-from service.runtime.packed_state import NEW
-from service.runtime.reception import Reception
-from service.runtime.spool import BacklogLimits, Spool
-from service.runtime.storage_watch import StorageWatch
-from service.stream.assembly import Assembler
-from twin.rig import Rig
+from service.results.window_jobs import WindowJobs
+from service.runtime import work
+from service.runtime.window_outcomes import SHED
+from service.runtime.worker_figures import shed_of
 from twin.windows import Edges, Samples, Window
 
 KB = 1024
-ROOMY = BacklogLimits(windows=100, bytes=10**9, total_windows=1000, total_bytes=10**9, memory_bytes=10**9)
-
-
-class Later:
-    """Computing that is done when the test says so."""
-
-    def __init__(self):
-        self.calls = []
-
-    def start(self, call, done):
-        self.calls.append((call, done))
-
-    def carry_out(self):
-        while self.calls:
-            call, done = self.calls.pop(0)
-            done(carry_out(call))
-
-
-class Committing:
-    """A sink over a store, as far as windows and their files are concerned."""
-
-    def __init__(self, store, life):
-        self.store, self.life, self.outcomes = store, life, []
-
-    def commit(self, outcome, job=None):
-        waited = None
-        with self.life.transaction():
-            committed = self.store.commit(
-                outcome.asset, outcome.window.start_time_ns, record=outcome.record, state=outcome.state.to_dict(),
-                report=outcome.report, received_ns=1,
-                events=outcome.events,
-            )  # fmt: skip
-            if outcome.waited is not None:
-                waited = self.life.drop_waiting(outcome.waited)
-        if waited is not None:
-            delete_file(self.life.path_of(waited))
-        self.outcomes.append(outcome)
-        return isinstance(committed, StoredWindow)
-
-    def publish(self, outcome):
-        pass
 
 
 @pytest.fixture
 def parts(store, tmp_path):
     def make(**limits):
-        clock = [0.0]
-        life = WindowJobs(store.database, tmp_path / "segments")
-        storage = StorageWatch("data", clock=lambda: clock[0])
-        reception = Reception(lambda asset: Rig.from_mapping({}), lambda closed: spool.add(closed))
-        sink, computing = Committing(store, life), Later()
-        lanes = Lanes(
-            reception, sink, computing, twin_of=lambda asset, rig: fake_twin.TWIN, new_state=lambda: NEW,
-            storage=storage,
-        )  # fmt: skip
-        given = BacklogLimits(**{name: limits.get(name, getattr(ROOMY, name)) for name in BacklogLimits.__slots__})
-        spool = Spool(life, store, reception, lanes, storage, given)
-        return SimpleNamespace(**locals(), add=lambda asset, number: spool.add(closed(asset, number)))
+        loop = loop_of(store, tmp_path, **limits)
+        loop.files = lambda: list((tmp_path / "segments").glob("*.mcap"))
+        loop.add_segment, loop.add = loop.add, lambda asset, number: loop.add_segment(asset, segment(asset, number))
+        return loop
 
     return make
 
 
-def closed(asset, number):
+def segment(asset, number):
     """A window whose frames take 32 kB in memory."""
     rng = np.random.default_rng(number)
     window = Window(
@@ -101,28 +44,29 @@ def closed(asset, number):
         torques={"pinion": Samples(rate=2000.0, start=0.0, values=10.0 + rng.standard_normal(4096))},
         encoders={"pinion": Edges(per_rev=64, first_index=640 * number, times=np.arange(128) / 640)},
     )
-    return ClosedWindow(asset=asset, segment=segment_of(window, asset), assembly=Assembler().to_dict())
+    return segment_of(window, asset)
 
 
-def numbers(outcomes, refused):
-    chosen = [o for o in outcomes if (o.record["quality"] == "refused") == refused]
-    return [(o.asset, (o.window.start_time_ns - 10**18) // 10**10) for o in chosen]
+def numbers(store, refused, asset="a"):
+    """Which windows were committed, in their order."""
+    starts = [window.start_ns for window in store.windows(asset) if (window.record["quality"] == "refused") == refused]
+    return [(start - 10**18) // 10**10 for start in starts]
 
 
 def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_in_work(parts):
     p = parts(windows=3)
     for number in range(8):
         p.add("a", number)
-    assert numbers(p.sink.outcomes, refused=True) == [("a", 1), ("a", 2), ("a", 3), ("a", 4), ("a", 5)]
-    assert p.lanes.backlog("a") == 3 == len(list((p.tmp_path / "segments").glob("*.mcap")))
+    assert p.backlogs.now("a").all_windows == 3 == len(p.files())
     p.computing.carry_out()
-    assert numbers(p.sink.outcomes, refused=False) == [("a", 0), ("a", 6), ("a", 7)]
-    assert [o.index for o in p.sink.outcomes] == list(range(8)) and sum(lane.shed for lane in p.lanes.all()) == 5
-    record = p.sink.outcomes[0].record
+    assert numbers(p.store, refused=True) == [1, 2, 3, 4, 5] and numbers(p.store, refused=False) == [0, 6, 7]
+    windows = p.store.windows("a")
+    assert [window.record["index"] for window in windows] == list(range(8))
+    record = windows[1].record
     assert "more windows of the asset waited" in record["reason"] and record["faults"][0]["kind"] == SHED
-    assert p.lanes.of("a").counts.windows == {"good": 3, "repaired": 0, "degraded": 0, "refused": 5}
-    assert p.store.asset("a").fault_totals[SHED, "all", "refused"] == (5, 5)
-    assert not p.life.waiting("a") and not list((p.tmp_path / "segments").glob("*.mcap"))
+    assert p.store.asset("a").making["windows"] == {"good": 3, "repaired": 0, "degraded": 0, "refused": 5}
+    assert p.store.asset("a").fault_totals[SHED, "all", "refused"] == (5, 5) and shed_of(p.table, "a") == 5
+    assert not p.windows.waiting("a") and not p.files()
 
 
 def test_an_asset_that_floods_costs_no_other_a_window(parts):
@@ -131,17 +75,18 @@ def test_an_asset_that_floods_costs_no_other_a_window(parts):
         p.add("quiet", number)
     for number in range(30):
         p.add("flood", number)
-    assert {asset for asset, _ in numbers(p.sink.outcomes, refused=True)} == {"flood"}
-    assert p.lanes.total_backlog == 8 and p.lanes.backlog("quiet") == 2
+    assert p.backlogs.now("quiet").all_windows == 2 and p.backlogs.windows == 8
     p.computing.carry_out()
-    assert numbers(p.sink.outcomes, refused=False)[:2] == [("quiet", 0), ("flood", 0)]
+    assert not numbers(p.store, refused=True, asset="quiet") and len(numbers(p.store, True, "flood")) == 24
 
 
 def test_bytes_are_bounded_too(parts):
     p = parts(bytes=60 * KB)
     for number in range(8):
         p.add("a", number)
-    assert p.lanes.total_bytes <= 60 * KB + 30 * KB and sum(lane.shed for lane in p.lanes.all()) > 2
+    assert p.backlogs.now("a").bytes <= 60 * KB + 40 * KB
+    p.computing.carry_out()
+    assert shed_of(p.table, "a") > 2
 
 
 def broken(*given, **named):
@@ -155,17 +100,18 @@ def test_windows_wait_in_memory_within_a_bound_and_keep_their_order_and_place(pa
     for number in range(6):
         p.add("a", number)
     assert p.spool.unstored_from_ns("a") == 10**18 and p.spool.held_bytes <= 110 * KB
-    assert p.lanes.backlog("a") == 0 and p.life.waiting("a") == () and "disk full" in p.storage.reason
-    assert not list((p.tmp_path / "segments").glob("*.mcap"))  # of no transaction
+    assert p.windows.waiting("a") == () and "disk full" in p.storage.reason
+    assert not p.files()  # of no transaction
     monkeypatch.setattr(p.store, "keep", keep)
     assert not p.spool.retry()  # not yet
     p.clock[0] += 100
     assert p.spool.retry() and p.spool.unstored_from_ns("a") is None and p.spool.held_bytes == 0
+    p.storage.worked()
+    p.turns.retry()
     p.computing.carry_out()
-    assert numbers(p.sink.outcomes, refused=True) == [("a", 0), ("a", 1), ("a", 2)]
-    assert numbers(p.sink.outcomes, refused=False) == [("a", 3), ("a", 4), ("a", 5)]
-    assert "storage could not be used" in p.sink.outcomes[0].record["reason"]
-    assert sum(lane.shed for lane in p.lanes.all()) == 3
+    assert numbers(p.store, refused=True) == [0, 1, 2] and numbers(p.store, refused=False) == [3, 4, 5]
+    assert "storage could not be used" in p.store.windows("a")[0].record["reason"]
+    assert shed_of(p.table, "a") == 3
 
 
 def test_a_result_whose_commit_fails_is_committed_later_and_its_asset_waits(parts, monkeypatch):
@@ -175,19 +121,22 @@ def test_a_result_whose_commit_fails_is_committed_later_and_its_asset_waits(part
     commit = p.store.commit
     monkeypatch.setattr(p.store, "commit", broken)
     p.computing.carry_out()
-    assert p.sink.outcomes == [] and p.computing.calls == [] and p.lanes.backlog("a") == 3
+    assert not p.done and not p.computing.turns and len(p.windows.waiting("a")) == 3
     monkeypatch.setattr(p.store, "commit", commit)
-    p.clock[0] += 100
-    assert p.lanes.retry()
+    monkeypatch.setattr(work, "carry_out", broken)  # the first is not computed again
+    p.storage.worked()
+    p.turns.retry()
+    p.computing.carry_out(1)
+    monkeypatch.undo()
     p.computing.carry_out()
-    assert numbers(p.sink.outcomes, refused=False) == [("a", 0), ("a", 1), ("a", 2)]
-    assert [o.record["index"] for o in p.sink.outcomes] == [0, 1, 2]
+    assert numbers(p.store, refused=False) == [0, 1, 2]
+    assert [window.record["index"] for window in p.store.windows("a")] == [0, 1, 2]
 
 
 def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_attempt_fails(parts, monkeypatch):
     """The file was deleted, and the window refused later, though the database named it."""
     p = parts()
-    keep, transaction, within = p.store.keep, p.life.transaction, []
+    keep, transaction, within = p.store.keep, p.windows.transaction, []
 
     @contextmanager
     def unanswered():
@@ -200,17 +149,19 @@ def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_
         raise StorageUnavailable("connection lost", reason="connection lost", unknown=True)
 
     with monkeypatch.context() as patched:
-        patched.setattr(p.life, "transaction", unanswered)
+        patched.setattr(p.windows, "transaction", unanswered)
         p.add("a", 0)
-    assert len(p.life.waiting("a")) == 1 and p.spool.unstored_from_ns("a") is not None
+    assert len(p.windows.waiting("a")) == 1 and p.spool.unstored_from_ns("a") is not None
     p.clock[0] += 100
     monkeypatch.setattr(p.store, "keep", broken)
     assert not p.spool.retry()
     monkeypatch.setattr(p.store, "keep", keep)
     p.clock[0] += 100
-    assert p.spool.retry() and len(p.life.waiting("a")) == 1
+    assert p.spool.retry() and len(p.windows.waiting("a")) == 1
+    p.storage.worked()
+    p.turns.retry()
     p.computing.carry_out()
-    assert numbers(p.sink.outcomes, refused=False) == [("a", 0)] and p.life.waiting("a") == ()
+    assert numbers(p.store, refused=False) == [0] and p.windows.waiting("a") == ()
 
 
 @pytest.mark.parametrize("slow", ["write_segment", "sync_folder"])
@@ -238,10 +189,10 @@ def test_nobody_who_writes_to_the_database_waits_for_the_file_of_a_window(parts,
 
 def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_took_its_folder(store, tmp_path):
     life, again = (WindowJobs(store.database, tmp_path / "segments") for _ in range(2))
-    first, second = (each.write(closed("a", 0).segment) for each in (life, again))
+    first, second = (each.write(segment("a", 0)) for each in (life, again))
     assert first.path != second.path and first.bytes == second.bytes
     assert life.add_waiting("a", second)
     first.path.write_bytes(b"torn")
-    assert read_segment(life.path_of(life.waiting("a")[0])).start_ns == closed("a", 0).segment.start_ns
+    assert read_segment(life.path_of(life.waiting("a")[0])).start_ns == segment("a", 0).start_ns
     assert WindowJobs(store.database, tmp_path / "segments").waiting("a")  # a start deletes what nothing names
     assert list((tmp_path / "segments").iterdir()) == [second.path]

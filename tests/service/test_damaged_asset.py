@@ -30,7 +30,8 @@ def test_a_damaged_asset_holds_up_no_other_and_its_windows_stay_within_bounds(tm
         assert len(running.wait_for_windows(7, "sound")) == 7
         wait_until(lambda: "until a backup has been restored" in running.said()[1])
         with running.store() as store:
-            assert len(running.windows("hurt")) == 3 and len(WindowJobs(store.database).waiting("hurt")) <= 2
+            kept = [window for window in WindowJobs(store.database).waiting("hurt") if window.file is not None]
+            assert len(running.windows("hurt")) == 3 and len(kept) <= 2
         ready = running.get("/readyz")
         assert ready["status"] == "ready" and [row["asset"] for row in ready["stale"]] == ["hurt"]
         assert "state of hurt cannot be read from the database any more" in ready["stale"][0]["reason"]

@@ -58,13 +58,14 @@ def test_workers_take_the_modules_of_the_service_whatever_lies_where_it_is_start
     monkeypatch.chdir(tmp_path)
     before = os.environ.get("PYTHONPATH")
     end_server()
-    pool = Pool(workers=1)
+    pool = Pool(tmp_path / "pool", workers=1)
     try:
         pool.window("a")
-        assert pool.wait(1)[0].refused is None
+        pool.wait(1)
+        assert pool.reasons("a") == [None]
         assert "PYTHONSAFEPATH" not in os.environ and os.environ.get("PYTHONPATH") == before
     finally:
-        pool.processes.close()
+        pool.close()
         end_server()
 
 

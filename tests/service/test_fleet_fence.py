@@ -15,9 +15,8 @@ from service_streams import wait_until, write_recording
 
 from service.errors import StorageUnavailable, StoreError
 from service.fleet.databases import engine_of
-from service.fleet.fence import Fenced
+from service.fleet.fence import FENCED, Fenced
 from service.fleet.layout import PARTITIONS, Layout, create, layout_of, partition_of
-from service.fleet.partition import FENCED
 from service.json_text import plain
 from service.results.alarm_store import AlarmStore
 from service.results.asset_list import area_of
@@ -138,7 +137,7 @@ def begun_with(store):
     return {
         "assets": set(store.assets()),
         "all": {stored.asset for stored in store.all_assets()},
-        "windows": {*store.next_indices(), *store.last_event_ids()},
+        "windows": {*store.last_event_ids()},
         "alarms": set(alarms.open_by_asset()),
         "messages": {len(alarms.due(due)), alarms.waiting()},
         "jobs": {job.asset for job in jobs.pending()},

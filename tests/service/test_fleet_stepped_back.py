@@ -125,4 +125,3 @@ def test_two_partitions_whose_server_fails_over_to_one_that_lags_go_on_from_what
         for worker in workers.values():
             said = "".join(path.read_text() for path in sorted(worker.folder.glob("complained-*.txt")))
             assert "does not have what it had confirmed" in said
-            assert "the database is older than the files of its windows" in said

@@ -114,11 +114,6 @@ def test_assess_gives_the_same_words_for_the_data():
 # -- the event -----------------------------------------------------------------------------------------------
 
 
-class Quiet:
-    def publish(self, asset):
-        pass
-
-
 def outcome(index, found, quality="good"):
     window = SimpleNamespace(start_time_ns=fakes.START_NS + index * 600_000_000_000)
     record = {**fakes.record(index, 100.0 * index), "quality": quality, "faults": []}
@@ -130,16 +125,15 @@ def outcome(index, found, quality="good"):
 
 
 def test_change_of_level_is_an_event_that_is_committed_with_its_window(store):
-    board = fakes.scratch_table()
-    sink = Commits(store, board, Quiet(), WindowJobs(store.database))
+    board = fakes.WrittenTable(store)
+    commits = Commits(store, board, WindowJobs(store.database))
     for index, found in enumerate([HEALTHY, HEALTHY, TWO_EFFECTS, TWO_EFFECTS, WORN]):
-        assert sink.commit(outcome(index, found))
-        sink.publish(outcome(index, found))
+        commits.commit(outcome(index, found))
     told = [e.data for e in store.events("unsw", 0) if e.kind == "status"]
     assert [(t["before"], t["level"]) for t in told] == [
-        (None, "normal"), ("normal", "watch"), ("watch", "end_of_life")
+        ("no_verdict", "normal"), ("normal", "watch"), ("watch", "end_of_life")
     ]  # fmt: skip
     assert told[-1]["action"] == FIRST and told[-1]["data"]["level"] == "ok"
-    assert sink.commit(outcome(5, WORN, "degraded"))
+    commits.commit(outcome(5, WORN, "degraded"))
     last = store.events("unsw", 0)[-1]
     assert (last.kind, last.data["before"], last.data["data"]["level"]) == ("status", "end_of_life", "degraded")

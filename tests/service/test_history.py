@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 import service_fakes as fakes
@@ -21,12 +22,9 @@ from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 from service.results.window_jobs import WindowJobs
-from service.runtime.computing import Inline
-from service.runtime.lanes import Lanes
 from service.runtime.reception import Reception
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.state_publication import StatePublication
-from service.runtime.twin_port import Twin
 from service.runtime.worker import restore
 from service.stream.assembly import Assembler
 from twin.rig import Rig
@@ -137,19 +135,14 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
     event.listen(Engine, "before_cursor_execute", count)
     try:
         again = fakes.WrittenTable(store, alarms)
-        lanes = lanes_of(lambda asset: Rig.from_mapping({}))
-        restore(lanes, store, known={s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()})
+        reception = Reception(lambda asset: Rig.from_mapping({}), None)
+        known = {s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()}
+        restore(reception, SimpleNamespace(goes_on=lambda asset, assembly: None), store, known)
     finally:
         event.remove(Engine, "before_cursor_execute", count)
     assert len(read) <= 3 and read[0] == TAIL and all(count <= POINTS + 1 for count in read[1:])
     assert again.get("unsw") == long.get("unsw")
-    assert lanes.of("unsw").counts.windows["good"] == LONG
-
-
-def lanes_of(rig_of):
-    """The lanes of a service that begins."""
-    twin = Twin(step=None, new_state=dict, load_state=dict)
-    return Lanes(Reception(rig_of, None), None, Inline(), twin_of=lambda asset, rig: twin, new_state=dict)
+    assert reception.position("unsw") is not None
 
 
 def statements_of_a_start(folder, assets):
@@ -169,12 +162,13 @@ def statements_of_a_start(folder, assets):
             board.load(known.values())
             rigs = Rigs(store, board, GivenRigs())
             rig_of = partial(rigs.of, offered=None)
-            lanes = lanes_of(lambda asset: rig_of(asset, stored=known.get(asset)))
-            restore(lanes, store, WindowJobs(store.database, folder / "segments"), known)
+            reception = Reception(lambda asset: rig_of(asset, stored=known.get(asset)), None)
+            restore(reception, SimpleNamespace(goes_on=lambda asset, assembly: None), store, known)
+            WindowJobs(store.database, folder / "segments").backlogs()
         finally:
             event.remove(Engine, "before_cursor_execute", count)
         assert all(board.get(f"machine-{n}").rig == {"name": "a"} for n in range(assets))
-        assert len(lanes.all()) == assets
+        assert len(reception.assets) == assets
     return sum("FROM windows" not in sql.split("WHERE")[0] for sql in made)
 
 

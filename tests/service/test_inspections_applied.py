@@ -18,7 +18,7 @@ from service.errors import StorageUnavailable
 from service.results.jobs import Jobs
 from service.runtime.computing import Made
 from service.runtime.decisions import Decisions
-from service.runtime.lane import Lane
+from service.runtime.place import Place
 from service.runtime.reception import Reception
 from service.runtime.replay import replay
 from service.runtime.twin_port import Answer
@@ -140,13 +140,13 @@ def test_inspection_before_the_first_depth_is_kept_for_it():
 
 def outcomes(store, report, answer, **stream):
     """What an inspection and a decision lead to, of an asset with such a report and a stream as given."""
-    lane = Lane(asset="unsw", rig=None, twin=None, state=None, report=report)
+    place = Place(asset="unsw", rig=None, twin=None, state=None, report=report)
     made = Made(state=SimpleNamespace(to_dict=dict), answer=Answer(record={}, report=answer, events=()))
     jobs, kinds = Jobs(store.database), Decisions(SimpleNamespace(**stream)).kinds
     store.note("unsw", [])
     numbers = (fakes.inspect(store, "unsw", GIVEN, {}), fakes.decide(store, "unsw", "misalignment", "pin"))
     for job in map(jobs.job, numbers):
-        yield kinds[job.kind].then(lane, job, made).report
+        yield kinds[job.kind].then(place, job, made).report
 
 
 def test_status_that_an_inspection_leaves_as_it_was_holds_since_the_same_time(store):

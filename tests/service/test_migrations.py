@@ -116,7 +116,7 @@ def test_program_works_with_the_newest_revision():
 @pytest.mark.slow
 def test_events_that_repeat_a_window_refer_to_it_and_get_its_record_back(where):
     record = {"index": 0, "start_time": "now", "rms_measured": 1.5}
-    given = {"state": {}, "report": None, "assembly": {}, "quality": {}, "received_ns": 1}
+    given = {"state": {}, "report": None, "received_ns": 1}
     with SqlStore(where) as store:
         for start_ns in (7, 8):
             own = {**record, "index": start_ns - 7}

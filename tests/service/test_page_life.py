@@ -12,7 +12,6 @@ from test_asset_life import FIRST, WINDOWS, asked, first, revolutions, second, w
 from test_other_parts import serving as served
 
 from service.runtime.questions import count_fell
-from service.runtime.questions import waiting as waiting_of
 
 LIFE = "/#/asset/unsw/life"
 
@@ -114,7 +113,7 @@ def test_what_is_typed_outlives_a_new_window(open_page, store, board):
     page = open_page(LIFE)
     page.locator("#question").get_by_label("Note").fill("half a sent")
     page.wait_for_selector("#link[data-state=live]")
-    board.update("unsw", question=waiting_of(count_fell(9000.0, 20.0, 1_700_000_000 * 10**9), 3))
+    board.update("unsw", question={**count_fell(9000.0, 20.0, 1_700_000_000 * 10**9), "waiting": 3})
     fakes.take(store, board, "unsw", 90, 19500.0)
     page.wait_for_function("document.querySelector('#question').textContent.includes('3 windows wait')")
     assert page.locator("#question").get_by_label("Note").input_value() == "half a sent"

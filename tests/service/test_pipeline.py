@@ -168,7 +168,7 @@ def test_a_window_that_was_committed_before_leaves_state_number_and_quality_alon
 
 def test_a_window_that_cannot_be_committed_leaves_the_state_alone():
     class Full(Sink):
-        def commit(self, outcome, job=None):
+        def commit(self, outcome):
             raise OSError("no space left on device")
 
     pipeline = Pipeline(lambda asset: Rig.from_mapping({}), counting(Count()), Full([]))

@@ -60,12 +60,12 @@ def expected():
 
 @pytest.mark.slow
 def test_windows_are_whole_then_thinned_then_gone_and_what_was_notable_stays(long):
-    before = long.asset("unsw"), long.next_indices()["unsw"], long.epochs("unsw"), long.latest_windows("unsw", 20)
+    before = long.asset("unsw"), long.next_index("unsw"), long.epochs("unsw"), long.latest_windows("unsw", 20)
     assert clear(long) > 1  # in small transactions
     assert kept(long) == expected()
     assert before == (
         long.asset("unsw"),
-        long.next_indices()["unsw"],
+        long.next_index("unsw"),
         long.epochs("unsw"),
         long.latest_windows("unsw", 20),
     )
@@ -192,7 +192,7 @@ def test_a_clock_that_was_set_back_loses_nothing_and_the_wrong_times_go_with_the
     """The windows stay while the clock is wrong, and after it was set right until those around them are old."""
     commit_days(each_store, 1000, 1000.5, 1001, 100, 100.5, 101, 101.5)
     clear_at(each_store, 1003)
-    assert kept(each_store) == list(range(7)) and each_store.next_indices()["unsw"] == 7
+    assert kept(each_store) == list(range(7)) and each_store.next_index("unsw") == 7
     commit_days(each_store, 1002, first=7)
     clear_at(each_store, 1003)
     assert kept(each_store) == list(range(8))
@@ -286,7 +286,7 @@ def _steps(path, count):
             "end of thinned": lambda: store.windows("unsw", count - 300, 101, 3),
             "page": lambda: store.windows("unsw", count // 2, 100),
             "latest": lambda: store.latest_windows("unsw", 100),
-            "next": lambda: store.next_indices()["unsw"],
+            "next": lambda: store.next_index("unsw"),
         }
         return {name: _steps_of(store, reading) for name, reading in readings.items()}
 

@@ -16,6 +16,7 @@ from unittest.mock import patch
 import fake_twin
 import pytest
 import service_fakes as fakes
+from loops import work_of
 from memory_transport import MemoryNetwork
 from service_streams import write_recording
 from sqlalchemy import event, select
@@ -33,7 +34,6 @@ from service.results.sql_store import SqlStore
 from service.runtime import storage_watch
 from service.runtime.assess import assess
 from service.runtime.begun import Begun
-from service.runtime.computing import Inline
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.rigs import GivenRigs, OfferedRigs
 from service.runtime.state_publication import StatePublication
@@ -95,6 +95,7 @@ class Faults:
         return kind
 
 
+OVERTAKEN = 0.15  # share of the turns
 AFTER = ("unanswered", "killed after")
 KINDS = ("lost", "killed", *AFTER)
 
@@ -105,14 +106,51 @@ def _raise(kind):
     raise StorageUnavailable("the connection is lost", reason="connection lost", unknown=kind == "unanswered")
 
 
+class Workers:
+    """Turns that are carried out at once, by the service or by one of two that share nothing with it but its database.
+
+    Some are overtaken: while one has yet to commit what it has made, another one carries out the same job.
+    """
+
+    def __init__(self, rng, here, others):
+        self.rng, self.works = rng, [here, *others]
+
+    def start(self, turn, done):
+        work, other = self.rng.sample(self.works, 2)
+        if self.rng.random() < OVERTAKEN:
+            commit = work._commits.commit
+
+            def overtaken(*given):
+                work._commits.commit = commit
+                other.turn(turn)
+                commit(*given)
+
+            work._commits.commit = overtaken
+            try:
+                done(work.turn(turn))
+            finally:
+                work._commits.commit = commit
+        else:
+            done(work.turn(turn))
+
+    def collect(self):
+        pass
+
+    def unusable(self):
+        return None
+
+    def at_work(self):
+        return ()
+
+
 class Service:
     """A service in this thread: frames are handed to it, and its loop is turned by hand.
 
     Its database and its files outlive it; all else is gone when it is killed.
     """
 
-    def __init__(self, data, faults, signal_bytes):
-        self.data, self.faults, self.signal_bytes, self.starts = data, faults, signal_bytes, 0
+    def __init__(self, data, faults, rng, signal_bytes):
+        self.data, self.faults, self.rng, self.signal_bytes, self.starts = data, faults, rng, signal_bytes, 0
         self.stack = ExitStack()
 
     def start(self):
@@ -129,13 +167,15 @@ class Service:
         settings, network = Settings(data=self.data, signal_bytes=self.signal_bytes), MemoryNetwork()
         begun = Begun.of(settings, GivenRigs.read(None, {}), lambda: SqlStore(self.data / "twin.sqlite"))
         self.begun, self.kept = self.stack.enter_context(begun), begun.kept
+        others = [work_of(begun.store, self.data, signals=begun.kept.signals) for _ in range(2)]
         self.worker = Worker(
-            settings, begun.kept, begun.rigs, fake_twin.TWIN, network.open, computing_of=lambda *given: Inline()
-        )
+            settings, begun.kept, begun.rigs, fake_twin.TWIN, network.open,
+            computing_of=lambda settings, twin, here, wake: Workers(self.rng, here.__self__, others),
+        )  # fmt: skip
         self.worker._beat = self.worker._supervised = lambda: None
         publication, offered = StatePublication(network, begun.table), OfferedRigs(network, begun.kept.unknown)
         _, self.streams, self.between = self.worker._prepared(network, publication, offered)
-        self.worker._lanes.go()
+        self.worker._go_on()
 
     def end(self):
         self.faults.kind = None
@@ -151,7 +191,7 @@ class Schedule:
     def __init__(self, seed, data, frames):
         self.rng, self.frames, self.sent = random.Random(seed), frames, 0
         self.faults = Faults()
-        self.service = Service(data, self.faults, SIGNALS[seed % len(SIGNALS)][0])
+        self.service = Service(data, self.faults, self.rng, SIGNALS[seed % len(SIGNALS)][0])
         self.asked = []  # jobs of people: number, kind and given, as far as they were acknowledged
         self.names = 0
 

@@ -22,8 +22,13 @@ BEGIN = fakes.START_NS  # when the first window of the fakes was committed
 
 def watch_of(store, board, published, limits, clock, alarms=None):
     """The watch over a board as it is written into the tables."""
-    sink = Commits(store, board, published, WindowJobs(store.database), alarms=alarms)
-    return StalenessWatch(board, sink, limits, clock=clock)
+    commits = Commits(store, board, WindowJobs(store.database), alarms=alarms)
+
+    def keep(outcome):
+        commits.commit(outcome)
+        published.publish(outcome.asset)
+
+    return StalenessWatch(board, keep, limits, clock=clock)
 
 
 class Published(list):

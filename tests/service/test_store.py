@@ -172,7 +172,7 @@ def test_epochs_say_since_when(store):
     first, second = store.epochs("unsw")
     assert first == {"epoch": 0, "windows": 3, "first": 0, "last": 2, "since": fakes.record(0, 0.0)["start_time"]}
     assert second["epoch"] == 1 and second["first"] == second["last"] == 3
-    assert store.asset("unsw").windows == 1 and store.next_indices()["unsw"] == 4
+    assert store.asset("unsw").windows == 1 and store.next_index("unsw") == 4
     assert [w.record["index"] for w in store.windows("unsw", epoch=0, every=2)] == [0, 2]
 
 

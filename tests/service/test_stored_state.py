@@ -6,19 +6,14 @@ import copy
 import tomllib
 
 import pytest
+from loops import AtOnce, loop_of
 from segments import segment_of
-from service_streams import RIG, Sink
+from service_streams import RIG
 
-from service.runtime.computing import Inline
-from service.runtime.lane import Entry
-from service.runtime.lanes import Lanes
-from service.runtime.reception import Reception
 from service.runtime.rigs import GivenRigs, Rigs, rig_change
 from service.runtime.twin_port import gear_twin
-from service.runtime.worker import restore
 from tests.stored_states import stored_state
 from twin.options import Options
-from twin.rig import Rig
 from twin.windows import Window
 
 
@@ -30,19 +25,15 @@ from twin.windows import Window
         ({"schema_version": 2}, "it is damaged, or this is an internal error; restore a backup, or report it"),
     ],
 )
-def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(store, harm, cure, caplog):
-    outcomes = []
+def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(store, tmp_path, harm, cure, caplog):
+    loop = loop_of(store, tmp_path, gear_twin(Options(trace=False)), AtOnce)
     for asset, state in (("bench", harm), ("unsw-rig", stored_state("unsw-rig").to_dict())):
         store.commit(asset, 1, record={"index": 0}, state=state, report={}, received_ns=1)
-    twin, reception = gear_twin(Options(trace=False)), Reception(lambda asset: Rig.from_mapping({}), None)
-    lanes = Lanes(reception, Sink(outcomes), Inline(), twin_of=lambda asset, rig: twin, new_state=twin.new_state)
-    restore(lanes, store)
-    for asset in ("bench", "unsw-rig"):
-        entry = Entry(start_ns=0, segment=segment_of(Window(start_time_ns=0)))
-        lanes.put(asset, entry, {})
+        loop.add(asset, segment_of(Window(start_time_ns=7)))
     (said,) = [r.message for r in caplog.records]
     assert "stored state of bench cannot be read" in said and said.endswith(cure)
-    assert [o.asset for o in outcomes] == ["unsw-rig"] and lanes.backlog("bench") == 1
+    assert loop.turns.stopped == [("bench", said)]
+    assert len(store.windows("unsw-rig")) == 2 and len(loop.windows.waiting("bench")) == 1
 
 
 # -- rig files -----------------------------------------------------------------------------------------

@@ -10,27 +10,23 @@ import pytest
 import service_fakes as fakes
 
 from service.contract.answer import assemble
-from service.contract.status import Backlog, data_of
-from service.results.snapshot import Waiting
+from service.contract.status import Backlog as Shown
+from service.contract.status import data_of
+from service.results.snapshot import Snapshot, Waiting
+from service.results.window_jobs import Backlog
 from service.runtime.backlog_watch import BacklogWatch, waiting_of
-from service.runtime.computing import Ask, Call, Inline, Made
+from service.runtime.computing import Turn, Turned
 from service.runtime.computing_threads import Threads
-from service.runtime.lane import Entry, Lane
 from service.runtime.positions import ClosedWindows, Positions
 from service.stream.inbox import Inbox
-from twin.rig import Rig
 
 S = 10**9
-BACKLOG = Backlog(windows=6, since="2026-03-01T12:03:20.000000000Z", behind=["pump-3"])
+BACKLOG = Shown(windows=6, since="2026-03-01T12:03:20.000000000Z", behind=["pump-3"])
 
 
-def lane(asset="fan", windows=6, waited=85.0, held=0, question=None):
-    made = Lane(asset=asset, rig=Rig.from_mapping({}), twin=None, state=None, held=held, question=question)
-    for _ in range(windows):
-        entry = Entry(start_ns=0)
-        entry.journey.closed_ns = time.time_ns() - round(waited * S)
-        made.entries.append(entry)
-    return made
+def waits(windows=6, waited=85.0, held=0):
+    since_ns = time.time_ns() - round(waited * S) if windows else None
+    return Backlog(windows=windows, held=held, since_ns=since_ns)
 
 
 def test_machine_whose_windows_wait_is_not_told_to_send_some():
@@ -56,32 +52,32 @@ def test_newer_windows_that_wait_are_said_beside_the_latest():
 @pytest.mark.parametrize(
     ("given", "at_work", "expected"),
     [
-        (lane(), {"pump-3"}, (6, ("pump-3",))),
-        (lane(), {"pump-3", "mill"}, (6, ("mill", "pump-3"))),
-        (lane(), {"fan"}, (6, ())),
-        (lane(), set(), (6, ())),
-        (lane(held=2), {"pump-3"}, (4, ("pump-3",))),
-        (lane(waited=-3600.0), {"pump-3"}, None),
-        (lane(windows=0), {"pump-3"}, None),
-        (lane(held=6), {"pump-3"}, None),
-        (lane(question={"kind": "gears_differ"}), {"pump-3"}, None),
+        (waits(), {"pump-3"}, (6, ("pump-3",))),
+        (waits(), {"pump-3", "mill"}, (6, ("mill", "pump-3"))),
+        (waits(), {"fan"}, (6, ())),
+        (waits(), set(), (6, ())),
+        (waits(4, held=2), {"pump-3"}, (4, ("pump-3",))),
+        (waits(waited=-3600.0), {"pump-3"}, None),
+        (waits(0), {"pump-3"}, None),
+        (waits(0, held=6), {"pump-3"}, None),
     ],
 )
 def test_what_waits_is_what_can_be_assessed_and_has_waited(given, at_work, expected):
-    found = waiting_of(given, given.asset, at_work)
+    found = waiting_of(given, Snapshot(asset="fan"), "fan", at_work)
     assert (None if found is None else (found.windows, found.behind)) == expected
+    assert waiting_of(given, Snapshot(asset="fan", question={"kind": "gears_differ"}), "fan", at_work) is None
 
 
 def test_board_shows_what_waits_and_that_it_no_longer_does():
     board, published, now = fakes.scratch_table(), [], [0.0]
     board.update("fan", quality={})
     board.update("pump-3", quality={})
-    waiting = lane()
-    lanes = SimpleNamespace(all=lambda: [waiting, lane("unknown")])
+    waiting = {"fan": waits(), "unknown": waits()}
+    backlogs = SimpleNamespace(all=waiting, of=lambda asset: waiting.get(asset, Backlog()))
     unusable = [None]
     computing = SimpleNamespace(at_work=lambda: ("pump-3",), unusable=lambda: unusable[0])
     watch = BacklogWatch(
-        lanes, computing, board, SimpleNamespace(publish=published.append), clock=lambda: now[0]
+        backlogs, computing, board, SimpleNamespace(publish=published.append), clock=lambda: now[0]
     )  # fmt: skip
     watch()
     assert board.get("fan").whole["data"]["waiting"]["behind"] == ["pump-3"] and published == ["fan"]
@@ -90,7 +86,7 @@ def test_board_shows_what_waits_and_that_it_no_longer_does():
     watch()
     assert board.get("fan").summary()["reason"].endswith("UTC: no worker process can be started: no memory")
     now[0], unusable[0] = 1.5, None
-    waiting.entries.clear()
+    waiting.clear()
     watch()
     assert board.get("fan").waiting is not None  # not looked at yet
     now[0] = 2.5
@@ -102,20 +98,18 @@ def test_board_shows_what_waits_and_that_it_no_longer_does():
 def test_threads_say_which_assets_they_are_at_work_on():
     begun, go = threading.Event(), threading.Event()
 
-    def process(rig, state, window):
+    def work(turn):
         begun.set()
         go.wait(10)
-        return state, None
+        return Turned(asset=turn.asset)
 
-    twin = SimpleNamespace(follow=process)
-    threads, made = Threads(1, lambda: None), []
-    call = Call(asset="pump-3", twin=twin, rig=None, state=None, ask=Ask("change", None))
-    threads.start(call, made.append)
+    threads, done = Threads(1, work, lambda: None), []
+    threads.start(Turn(asset="pump-3"), done.append)
     assert begun.wait(10) and threads.at_work() == ("pump-3",)
     go.set()
-    while not made:
+    while not done:
         threads.collect()
-    assert threads.at_work() == () and isinstance(made[0], Made) and Inline().at_work() == ()
+    assert threads.at_work() == () and done == [Turned(asset="pump-3")]
 
 
 def test_position_says_how_many_windows_wait_now():

@@ -179,7 +179,7 @@ def test_storage_that_cannot_be_used_is_in_the_status_of_every_asset_until_it_is
 
 @pytest.mark.slow
 def test_workers_that_die_of_everything_make_the_service_not_ready():
-    processes = Processes(1, task_limit=1.0, cache_bytes=1, wake=lambda: None)
+    processes = Processes(1, None, task_limit=1.0, cache_bytes=1, wake=lambda: None)
     try:
         assert processes.unusable() == "the first worker process is being started"
         processes.collect()

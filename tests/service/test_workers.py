@@ -9,29 +9,35 @@ import signal
 import time
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
+from functools import partial
 from multiprocessing import forkserver
 from pathlib import Path
+from types import SimpleNamespace
 
+import fake_twin
 import numpy as np
 import pytest
 import worker_twins
+from loops import loop_of, work_of
 from segments import segment_of
 from service_streams import HERE, Service, wait_until, write_recording
+from test_asset_life import waiting
+from test_decisions import post
 
-from service.json_text import JsonText, plain
+from service.json_text import plain
 from service.results.data_folder import SEGMENTS
-from service.results.json_columns import dump, load, load_text
-from service.results.segment_file import write_segment
+from service.results.jobs import WINDOW, Jobs
+from service.results.sql_store import SqlStore
+from service.results.window_jobs import WindowJobs
 from service.runtime.assess import assess
-from service.runtime.computing import Ask, Call, WindowToUse
-from service.runtime.packed_state import NEW, PackedState, StoredState
+from service.runtime.computing import Turn
 from service.runtime.replay import replay
+from service.runtime.storage_watch import StorageWatch
+from service.runtime.turns import Turns
 from service.runtime.twin_port import gear_twin
+from service.runtime.work import KEPT, Workplace
 from service.runtime.worker_processes import Processes
-from service.stream.edge_counts import EncoderCounts
-from service.stream.window import window_of
-from twin.rig import Rig
-from twin.tracing.decisions import Decision
+from service.settings import Settings
 from twin.windows import Edges, Samples, Window
 
 WINDOWS = 4
@@ -49,56 +55,89 @@ def window(number=0):
 
 
 class Pool:
-    """Processes, and what they have made."""
+    """Worker processes over a database, and what they have done."""
 
-    def __init__(self, **given):
-        self.made = []
+    def __init__(self, folder, twin=None, **given):
         given = {"workers": 2, "task_limit": 60.0, "cache_bytes": 2**26, **given}
-        self.processes = Processes(**given, wake=lambda: None)
-        self.twin = worker_twins.make(None)
+        twin, file = twin or worker_twins.make(None), folder / "twin.sqlite"
+        self.store = SqlStore(file)
+        self.waiting = WindowJobs(self.store.database, folder / SEGMENTS)
+        opened = given.pop("open", partial(SqlStore, file, shared=True))
+        place = Workplace(settings=Settings(data=folder), open=opened, make=twin.make, options=twin.options)
+        self.processes, self.done = Processes(given.pop("workers"), place, **given, wake=lambda: None), []
+        self.storage = StorageWatch("data")
+        self.turns = Turns(self.processes, self.storage, self.done.append)
 
-    def ask(self, asset, ask, name="plain", state=NEW):
-        rig = Rig.from_mapping({"name": name})
-        call = Call(asset=asset, twin=self.twin, rig=rig, state=state, ask=ask)
-        self.processes.start(call, lambda made: self.made.append((asset, made)))
+    def window(self, asset, name="plain", number=0):
+        """A window of an asset is to be done, whose rig file has this name."""
+        if (self.store.asset(asset).rig or {}).get("name") != name:
+            self.store.keep_rig(asset, {"name": name})
+        self.waiting.add_waiting(asset, self.waiting.write(segment_of(window(number))))
+        self.turns.wake(asset)
 
-    def window(self, asset, name="plain", number=0, state=NEW):
-        given = WindowToUse(start_ns=10**18 + number * 10**10, segment=segment_of(window(number)))
-        self.ask(asset, Ask("window", given), name, state)
+    def wait(self, count, seconds=60.0):
+        """What was done, once that is so much."""
 
-    def wait(self, count, seconds=30.0):
         def collected():
             self.processes.collect()
-            return len(self.made) >= count
+            if self.storage.reason is not None and not self.storage.pausing and self.turns.retry():
+                self.storage.worked()
+            return len(self.done) >= count
 
         wait_until(collected, seconds)
-        return [made for _, made in self.made]
+        return self.done
+
+    def records(self, asset):
+        return [window.record for window in self.store.windows(asset)]
+
+    def reasons(self, asset):
+        """Why the windows of an asset were refused; None for each that was not."""
+        return [record.get("reason") for record in self.records(asset)]
+
+    def close(self):
+        self.processes.close()
+        self.store.close()
 
 
 @pytest.fixture
-def pool(request):
-    made = Pool(**getattr(request, "param", {}))
+def pool(request, tmp_path):
+    made = Pool(tmp_path / "pool", **getattr(request, "param", {}))
     yield made
-    made.processes.close()
+    made.close()
 
 
-def test_a_worker_makes_what_the_twin_makes_here_from_state_to_state(pool, tmp_path):
-    state, packed = worker_twins.make(None).new_state(), NEW
-    for number in range(3):
-        file = tmp_path / f"{number}.mcap"
-        segment = segment_of(window(number))
-        sent = window_of(segment, Rig.from_mapping({}), EncoderCounts()).window
-        write_segment(file, segment)
-        pool.ask("a", Ask("window", WindowToUse(start_ns=0, file=file)), state=packed)
-        made = pool.wait(number + 1)[-1]
-        state, _ = worker_twins.step(Rig.from_mapping({"name": "plain"}), state, sent, None)
-        packed = made.state
-        assert plain(packed.to_dict()) == plain(state.to_dict())
-        assert not made.window.accelerations and made.window.start_time_ns == window(number).start_time_ns
-    pool.ask("a", Ask("decide", Decision(name="misalignment", verb="pin")), state=packed)
-    assert plain(pool.wait(4)[-1].state.to_dict())["decided"] == [["misalignment", "pin"]]
-    pool.ask("a", Ask("decide", Decision(name="tooth_friction", verb="pin")), state=packed)
-    assert "tooth_friction is not in the twin" in pool.wait(5)[-1].refused
+def test_a_worker_does_what_is_done_here_from_state_to_state(pool, tmp_path):
+    with SqlStore(tmp_path / "here.sqlite") as store:
+        here, waiting = (
+            work_of(store, tmp_path, worker_twins.make(None)),
+            WindowJobs(store.database, tmp_path / SEGMENTS),
+        )
+        store.keep_rig("a", {"name": "plain"})
+        for number in range(3):
+            pool.window("a", number=number)
+            waiting.add_waiting("a", waiting.write(segment_of(window(number))))
+            assert here.turn(Turn(asset="a")).index == number
+            assert pool.wait(number + 1)[-1].index == number
+        decision = {"name": "misalignment", "verb": "pin", "by": "Anna", "note": None}
+        for jobs in (Jobs(pool.store.database), Jobs(store.database)):
+            jobs.add("a", "decision", decision)
+            jobs.add("a", "decision", {**decision, "name": "tooth_friction"})
+        pool.turns.wake("a")
+        pool.wait(5)
+        assert here.turn(Turn(asset="a")).more and not here.turn(Turn(asset="a")).more
+        for one, other in zip(pool.records("a"), [w.record for w in store.windows("a")], strict=True):
+            assert without_pid([one]) == without_pid([other]) and one["pid"] != other["pid"]
+        assert plain(pool.store.asset("a").state) == plain(store.asset("a").state)
+        assert plain(store.asset("a").state)["decided"] == [["misalignment", "pin"]]
+        (refused,) = [job.refused for job in Jobs(pool.store.database).of("a", "decision") if job.refused]
+        assert "tooth_friction is not in the twin" in refused
+
+
+def test_assets_of_which_a_process_has_something_at_hand_are_bounded_and_the_latest_stay(store, tmp_path):
+    work = work_of(store, tmp_path)
+    for number in range(KEPT + 10):
+        work._at_hand(SimpleNamespace(asset=f"a{number}"), 1)
+    assert len(work._places) == KEPT and f"a{KEPT + 9}" in work._places
 
 
 def test_collectors_of_workers_leave_alone_what_was_loaded_for_all_of_them(pool):
@@ -112,13 +151,75 @@ def test_collectors_of_workers_leave_alone_what_was_loaded_for_all_of_them(pool)
 def test_an_asset_stays_with_its_worker_and_a_state_of_elsewhere_is_loaded(pool):
     for number in range(4):
         pool.window(f"asset {number % 2}", number=number)
-        made = pool.wait(number + 1)
-    pids = {asset: {m.answer.record["pid"] for a, m in pool.made if a == asset} for asset in ("asset 0", "asset 1")}
-    assert all(len(own) == 1 for own in pids.values()) and pids["asset 0"] != pids["asset 1"]
-    assert os.getpid() not in {m.answer.record["pid"] for m in made}
-    stored = {**worker_twins.make(None).new_state().to_dict(), "windows_seen": 41}
-    pool.window("asset 0", number=9, state=StoredState(lambda: stored).pack())
-    assert pool.wait(5)[-1].answer.record["index"] == 41
+        pool.wait(number + 1)
+    pids = [{record["pid"] for record in pool.records(f"asset {n}")} for n in range(2)]
+    assert all(len(own) == 1 for own in pids) and pids[0] != pids[1] and os.getpid() not in pids[0] | pids[1]
+    stored = {**worker_twins.make(None).new_state().to_dict(), "total": 41.0}
+    pool.store.keep("asset 0", state=stored)
+    pool.store.renew("asset 0")
+    pool.window("asset 0", number=9)
+    pool.wait(5)
+    assert pool.records("asset 0")[-1]["rms_predicted"] > 30
+
+
+def test_a_job_that_another_process_has_done_meanwhile_is_not_done_twice(pool, tmp_path):
+    """A worker that was suspended goes on, or its server has given its asset to another one."""
+    mark = tmp_path / "begun"
+    pool.window("a", f"slow 1 {mark}")
+    wait_until(lambda: pool.processes.collect() or mark.exists())
+    other = work_of(pool.store, tmp_path / "pool", fake_twin.TWIN)
+    assert other.turn(Turn(asset="a")).index == 0
+    pool.wait(1)
+    assert [(done.job, done.index) for done in pool.done] == [(1, 0)] and len(pool.records("a")) == 1
+
+
+@pytest.mark.parametrize("where", ["within", "after"])
+@pytest.mark.parametrize("kind", [WINDOW, "renamed"])
+def test_a_job_whose_worker_dies_with_its_transaction_is_done_once_and_told(tmp_path, where, kind):
+    """Of one that had just been committed nobody was told: the new name's frames were those of an unknown asset."""
+    pool = Pool(tmp_path / "pool", worker_twins.make(None, f"{where} {kind} {signal.SIGKILL:d} {tmp_path / 'mark'}"))
+    try:
+        renamed = Jobs(pool.store.database).add("a", "renamed", {"name": "b", "by": "Anna"})
+        pool.window("a")
+        pool.window("a", number=1)
+        told = [(done.job, done.kind, done.index) for done in pool.wait(3)]
+        assert told == [(renamed, "renamed", -1), (renamed + 1, WINDOW, 0), (renamed + 2, WINDOW, 1)]
+        assert pool.processes.figures()["worker_deaths"] == 1 and pool.reasons("a") == [None, None]
+    finally:
+        pool.close()
+
+
+@pytest.mark.parametrize("where", ["within", "after"])
+def test_a_window_that_a_worker_cannot_store_now_is_stored_later_and_computed_once(tmp_path, where, caplog):
+    """The worker's answer could not be read, and that was taken for its death."""
+    pool = Pool(tmp_path / "pool", worker_twins.make(None, f"{where} {WINDOW} 0 {tmp_path / 'mark'}"))
+    try:
+        pool.window("a")
+        assert pool.wait(1)[0].index == 0 and pool.reasons("a") == [None] and not pool.turns.stopped
+        assert pool.processes.figures()["worker_deaths"] == 0 and "the disk is full" in caplog.text
+    finally:
+        pool.close()
+
+
+def test_an_asset_whose_worker_cannot_open_the_storage_now_goes_on_later(tmp_path):
+    """Nothing was done of it until the next start."""
+    opened = partial(worker_twins.opened, tmp_path / "pool" / "twin.sqlite", tmp_path / "mark")
+    pool = Pool(tmp_path / "pool", open=opened)
+    try:
+        pool.window("a")
+        assert pool.wait(1)[0].index == 0 and not pool.turns.stopped
+    finally:
+        pool.close()
+
+
+def test_workers_that_end_before_they_have_begun_anything_stop_no_asset(tmp_path):
+    """Nothing was done of the asset until the next start."""
+    pool = Pool(tmp_path / "pool", worker_twins.make(None, str(tmp_path / "marks")), workers=1)
+    try:
+        pool.window("a")
+        assert pool.wait(1)[0].index == 0 and pool.processes.figures()["worker_deaths"] == 3
+    finally:
+        pool.close()
 
 
 def test_a_call_that_ends_its_worker_is_tried_once_more_and_costs_no_other_anything(pool, tmp_path):
@@ -127,19 +228,33 @@ def test_a_call_that_ends_its_worker_is_tried_once_more_and_costs_no_other_anyth
     for number in range(3):
         pool.window("bystander", number=number)
     pool.wait(5)
-    made = dict(pool.made)
-    assert made["kills"].refused == "internal error: ended its worker process, 2 times"
-    assert made["kills"].window.start_time_ns == 10**18
-    assert made["unlucky"].refused is None and made["bystander"].refused is None
+    assert pool.reasons("kills") == ["internal error: ended its worker process, 2 times"]
+    assert pool.store.windows("kills")[0].start_ns == 10**18
+    assert pool.reasons("unlucky") == [None] and pool.reasons("bystander") == [None] * 3
     assert pool.processes.figures()["worker_deaths"] == 3
-    pool.window("kills")
-    assert pool.wait(6)[-1].refused is None
+    pool.window("kills", number=1)
+    pool.wait(6)
+    assert pool.reasons("kills")[-1] is None
+
+
+def test_what_people_ask_meanwhile_is_not_refused_in_place_of_the_window_that_ends_workers(store, tmp_path):
+    loop = loop_of(store, tmp_path)
+    loop.add("a", segment_of(window()))
+    (waits,) = loop.windows.waiting("a")
+    jobs, reason = Jobs(store.database), "internal error: ended its worker process, 2 times"
+    again = Turn(asset="a", tried=waits.id, refuse=reason)
+    jobs.add("a", "renamed", {"name": "b", "by": "Anna"})
+    assert loop.computing.work.turn(again).kind == "renamed"
+    (renamed,) = jobs.of("a", "renamed")
+    assert renamed.done and renamed.refused is None
+    assert loop.computing.work.turn(again).fault
+    assert store.windows("a")[0].record["reason"] == reason
 
 
 def test_a_window_for_which_a_worker_had_no_memory_is_tried_once_more_in_a_new_one(pool, tmp_path, caplog):
     pool.window("a", f"starved {tmp_path / 'mark'}")
-    (made,) = pool.wait(1)
-    assert made.refused is None and pool.processes.figures()["worker_deaths"] == 1
+    pool.wait(1)
+    assert pool.reasons("a") == [None] and pool.processes.figures()["worker_deaths"] == 1
     assert "had too little memory" in caplog.text
 
 
@@ -162,7 +277,8 @@ def test_a_worker_that_cannot_be_started_now_is_started_later_and_ends_nothing(p
     monkeypatch.setattr(ProcessPoolExecutor, "submit", failing)
     pool.window("a")
     pool.window("a", number=1)
-    assert [made.refused for made in pool.wait(2)] == [None, None]
+    pool.wait(2)
+    assert pool.reasons("a") == [None, None]
     assert not failures and "cannot be started now" in caplog.text and pool.processes.unusable() is None
 
 
@@ -171,7 +287,7 @@ def server():
     return forkserver._forkserver._forkserver_pid
 
 
-def turns(pool, seconds):
+def longest_turn(pool, seconds):
     """The longest turn of a loop that looks after the workers for a time [s]."""
     longest, until = 0.0, time.monotonic() + seconds
     while time.monotonic() < until:
@@ -202,12 +318,12 @@ def test_a_stopped_fork_server_holds_up_no_loop_and_is_replaced_or_goes_on(pool,
         began = time.monotonic()
         pool.window("a", number=1)
         assert time.monotonic() - began < 10.0
-        assert turns(pool, 1.0) < 10.0 and len(pool.made) == 1
+        assert longest_turn(pool, 1.0) < 10.0 and len(pool.done) == 1
         assert "no worker process could be started for " in pool.processes.unusable()
         if goes_on:
             os.kill(stopped, signal.SIGCONT)
-        assert pool.wait(2, 60.0)[-1].refused is None
-        assert pool.processes.unusable() is None
+        pool.wait(2, 60.0)
+        assert pool.reasons("a") == [None, None] and pool.processes.unusable() is None
         assert bool(pool.processes.figures()["worker_servers_replaced"] - replaced) == (not goes_on)
         assert (server() == stopped) == goes_on
         assert ("does not answer, and is replaced" in caplog.text) == (not goes_on)
@@ -224,13 +340,14 @@ def test_a_worker_that_dies_while_the_fork_server_is_stopped_is_noticed(pool, mo
     pool.window("a")
     pool.wait(1, 60.0)
     stopped = server()
-    pool.window("a", f"slow 2 {mark}")
+    pool.window("a", f"slow 2 {mark}", number=1)
     wait_until(mark.exists)
     os.kill(stopped, signal.SIGSTOP)
     try:
         (worker,) = pool.processes._workers[0].executor._processes
         os.kill(worker, signal.SIGKILL)
-        assert pool.wait(2, 60.0)[-1].refused is None and server() != stopped
+        pool.wait(2, 60.0)
+        assert pool.reasons("a") == [None, None] and server() != stopped
     finally:
         with suppress(ProcessLookupError):
             os.kill(stopped, signal.SIGCONT)
@@ -245,18 +362,34 @@ def test_a_stopped_worker_goes_on_or_is_replaced_after_the_time_of_one_call(pool
     (worker,) = pool.processes._workers[0].executor._processes
     os.kill(worker, signal.SIGSTOP)
     pool.window("a", number=1)
-    assert turns(pool, 0.5) < 4.0 and len(pool.made) == 1
+    assert longest_turn(pool, 0.5) < 4.0 and len(pool.done) == 1
     if goes_on:
         os.kill(worker, signal.SIGCONT)
-    assert pool.wait(2, 60.0)[-1].refused is None
+    pool.wait(2, 60.0)
+    assert pool.reasons("a") == [None, None]
     assert pool.processes.figures()["worker_deaths"] == (not goes_on)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pool", [{"workers": 1}], indirect=True)
+def test_a_worker_that_is_suspended_is_replaced_whatever_its_turn_may_take(pool, monkeypatch):
+    """In the midst of a transaction it would hold up everybody who writes."""
+    monkeypatch.setattr("service.runtime.worker_processes.SUSPENDED", 1.0)
+    pool.window("a")
+    pool.wait(1, 60.0)
+    (worker,) = pool.processes._workers[0].executor._processes
+    os.kill(worker, signal.SIGSTOP)
+    pool.window("a", number=1)
+    pool.wait(2, 60.0)
+    assert pool.reasons("a") == [None, None] and pool.processes.figures()["worker_deaths"] == 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pool", [{"task_limit": 1.0, "workers": 1}], indirect=True)
 def test_a_call_that_takes_too_long_is_given_up(pool):
     pool.window("stuck", "slow 60")
-    assert pool.wait(1)[-1].refused == "internal error: took longer than 1 s, 2 times"
+    pool.wait(1)
+    assert pool.reasons("stuck") == ["internal error: took longer than 1 s, 2 times"]
 
 
 @pytest.mark.slow
@@ -267,10 +400,21 @@ def test_an_asset_moves_where_its_worker_is_busy_for_long_and_another_is_idle(po
     pool.window("third")  # with the first
     pool.wait(3)
     began = time.monotonic()
-    pool.window("first", "slow 20")
+    pool.window("first", "slow 20", number=1)
     pool.window("third", number=1)
-    assert pool.wait(4)[-1].refused is None and time.monotonic() - began < 18
-    assert pool.made[-1][0] == "third"
+    assert pool.wait(4)[-1].asset == "third" and time.monotonic() - began < 18
+
+
+@pytest.mark.slow
+def test_of_several_workers_one_makes_no_search_and_nobody_waits_for_one_for_long(pool, tmp_path):
+    """Searches on all workers once held up windows of assets that needed none."""
+    pool.processes._next(pool.processes._workers[0])
+    for asset in ("first", "second", "third"):
+        pool.window(asset, f"searches {tmp_path / 'made'} 20")
+    wait_until(lambda: pool.processes.collect() or (tmp_path / "made").exists())
+    began = time.monotonic()
+    pool.window("quiet")
+    assert pool.wait(1)[0].asset == "quiet" and time.monotonic() - began < 10
 
 
 @pytest.mark.slow
@@ -279,8 +423,7 @@ def test_what_is_logged_and_warned_of_in_a_worker_is_in_the_log_of_the_service(p
         pool.window("a", "complains")
         pool.window("b", "fails")
         pool.wait(2)
-    made = dict(pool.made)
-    assert made["b"].refused == "internal error: ZeroDivisionError: a defect"
+    assert pool.reasons("b") == ["internal error: ZeroDivisionError: a defect"]
     by_asset = {record.message.splitlines()[0]: record.asset for record in caplog.records if hasattr(record, "asset")}
     assert by_asset["the twin of complains complains"] == "a"
     assert any("a warning of a library" in message for message in by_asset)
@@ -288,23 +431,14 @@ def test_what_is_logged_and_warned_of_in_a_worker_is_in_the_log_of_the_service(p
     assert "ZeroDivisionError: a defect" in fault.exc_text and fault.asset == "b"
 
 
-def test_state_text_passes_from_the_worker_to_the_database_as_it_is():
-    state = PackedState.of({"n": 1.5, "list": [1, None]})
-    assert isinstance(state.to_dict(), JsonText)
-    assert load_text(dump(state.to_dict())).text == state.to_dict().text == '{"n":1.5,"list":[1,null]}'
-    assert load(dump(state.to_dict())) == {"n": 1.5, "list": [1, None]} == dict(state.to_dict())
-    assert PackedState.of(state.to_dict()) == state
-    assert StoredState(lambda: None).pack() == NEW and StoredState(lambda: {"n": 1}).pack().to_dict() == {"n": 1}
-
-
-def test_the_real_twin_can_be_made_in_a_worker():
-    pool = Pool(workers=1)
-    pool.twin = gear_twin()
+def test_the_real_twin_can_be_made_in_a_worker(tmp_path):
+    pool = Pool(tmp_path, gear_twin(), workers=1)
     try:
         pool.window("a", number=1)
-        assert "at least 3 are needed" in pool.wait(1)[-1].refused  # as the real one says of so short a window
+        pool.wait(1)
+        assert "at least 3 are needed" in pool.reasons("a")[0]  # as the real one says of so short a window
     finally:
-        pool.processes.close()
+        pool.close()
 
 
 # -- the service ---------------------------------------------------------------------------------------
@@ -426,4 +560,40 @@ def test_a_window_that_ends_its_worker_is_refused_and_the_others_are_not(tmp_pat
         wait_until(lambda: "gear_twin_program_faults_total 2.0" in running.text("/metrics"))
         assert len(running.get("/v1/assets/unsw/signals")["windows"]) == 2  # to be looked into
     finally:
+        running.end(signal.SIGKILL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["within", "after"])
+def test_a_name_whose_worker_dies_with_it_is_answered_and_the_stream_follows(tmp_path, monkeypatch, where):
+    monkeypatch.setenv("STRUCK", f"{where} renamed {signal.SIGKILL:d} {tmp_path / 'mark'}")
+    running = Workers(tmp_path / "data", WORKERS="1").start()
+    try:
+        replay(recorded(tmp_path / "a.mcap"), [running.endpoint], 0)
+        running.wait_for_windows(WINDOWS)
+        given = {"kind": "renamed", "name": "press-7", "by": "Anna"}
+        status, answer = post(running, "/v1/assets/unsw/changes", given)
+        assert status == 201 and answer["done"] and (tmp_path / "mark").exists()
+        replay(recorded(tmp_path / "b.mcap", asset="press-7", windows=2, later=86_400.0), [running.endpoint], 0)
+        wait_until(lambda: waiting(running, "press-7") == 2)  # the count has fallen: people are asked
+    finally:
+        running.end(signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_suspended_in_a_transaction_ends_with_a_service_that_is_killed(tmp_path, monkeypatch):
+    """It held the database locked, and the next start ended for that, until somebody found the worker."""
+    mark = tmp_path / "mark"
+    monkeypatch.setenv("STRUCK", f"within {WINDOW} {signal.SIGSTOP:d} {mark}")
+    running = Workers(tmp_path / "data", WORKERS="1").start()
+    try:
+        replay(recorded(tmp_path / "a.mcap"), [running.endpoint], 0)
+        wait_until(mark.exists)
+        running.end(signal.SIGKILL)
+        wait_until(lambda: not alive([int(mark.read_text())]), 10.0)
+        running.start()
+        assert [w["quality"] for w in running.wait_for_windows(WINDOWS)] == ["good"] * WINDOWS
+    finally:
+        with suppress(ProcessLookupError, FileNotFoundError):
+            os.kill(int(mark.read_text()), signal.SIGKILL)
         running.end(signal.SIGKILL)

@@ -8,10 +8,17 @@ import signal
 import time
 import warnings
 from dataclasses import replace
+from functools import partial
+from multiprocessing import parent_process
 from pathlib import Path
 
 import fake_twin
 
+from service.errors import StorageUnavailable
+from service.results.asset_table import AssetTable
+from service.results.jobs import WINDOW
+from service.results.sql_store import SqlStore
+from service.runtime.commits import Commits
 from twin.observed import TRACING, part
 
 log = logging.getLogger(__name__)
@@ -26,9 +33,11 @@ def sleeps(rig):
 
 
 def searches(rig):
-    """`searches PATH`: every window leads to a search, which marks in which process it was made."""
-    with part(TRACING), Path(rig.name.partition(" ")[2]).open("a", encoding="utf-8") as file:
-        file.write(f"{os.getpid()}\n")
+    """`searches PATH 20`: every window leads to a search of 20 s, which marks that it has begun."""
+    path, seconds = rig.name.split()[1:]
+    with part(TRACING):
+        Path(path).touch()
+        time.sleep(float(seconds))
 
 
 def dies(rig):
@@ -80,13 +89,55 @@ def step(rig, state, window, options):
     return state, estimate
 
 
-def make(options):
-    """A twin, for a worker process."""
-    return replace(fake_twin.TWIN, step=step, options=options, make=make)
+def struck(where, kind, number, mark):
+    """Has the first transaction of a job of a kind send its worker a signal, `within` it or `after` it; or fail: 0."""
+    commit, write, kinds = Commits.commit, AssetTable.write, []
+
+    def strike(here):
+        if (here, kinds[-1]) == (where, kind) and not Path(mark).exists():
+            Path(mark).write_text(str(os.getpid()))
+            if not int(number):
+                raise StorageUnavailable("the disk is full", reason="no space")
+            os.kill(os.getpid(), int(number))
+
+    def committed(self, outcome, job=None, marks=None):
+        kinds.append(WINDOW if job is None else job.kind)
+        commit(self, outcome, job, marks)
+        strike("after")
+
+    def written(self, snapshot):
+        version = write(self, snapshot)
+        strike("within")
+        return version
+
+    Commits.commit, AssetTable.write = committed, written
+
+
+def dies_thrice(marks):
+    """Ends the first three workers that come here, before they do anything."""
+    with marks.open("a") as file:
+        file.write("x")
+    if marks.stat().st_size <= 3:
+        dies(None)
+
+
+def opened(file, mark):
+    """A store that cannot be opened the first time."""
+    if not mark.exists():
+        mark.touch()
+        raise StorageUnavailable("the server does not answer", reason="connection lost")
+    return SqlStore(file, shared=True)
+
+
+def make(options, strike=None):
+    """A twin, for a worker process; `strike` is what `struck` takes, as text."""
+    if strike is not None and parent_process() is not None:
+        struck(*strike.split()) if " " in strike else dies_thrice(Path(strike))
+    return replace(fake_twin.TWIN, step=step, options=options, make=partial(make, strike=strike))
 
 
 if __name__ == "__main__":
     import worker_twins
     from one_partition import serve
 
-    serve(worker_twins.make(None), fake_twin.JOINED)
+    serve(worker_twins.make(None, os.environ.get("STRUCK")), fake_twin.JOINED)

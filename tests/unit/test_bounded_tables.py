@@ -3,13 +3,9 @@
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
-from service.runtime.computing import Ask, Call
-from service.runtime.packed_state import NEW
 from service.runtime.reception import Reception
 from service.runtime.worker_processes import MOST_ASSETS, _Worker
-from service.runtime.worker_task import MACHINES, Tasks
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,14 +16,6 @@ def test_what_is_asked_of_an_asset_without_frames_is_not_kept_and_looks_no_rig_u
     assert not list(reception.channels("a")) and reception.last_arrival_ns("a") is None
     assert reception.ended_ns("a") == 7
     assert not looked and reception.assets == []
-
-
-def test_machines_at_hand_are_bounded_and_the_latest_stay():
-    twin, tasks = SimpleNamespace(make=str, options=None), Tasks()
-    for number in range(MACHINES + 10):
-        call = Call(asset=f"a{number}", twin=twin, rig=None, state=NEW, ask=Ask("forget", None))
-        tasks.of(call)
-    assert len(tasks._machines) == MACHINES and f"a{MACHINES + 9}" in tasks._machines
 
 
 def test_a_worker_gives_up_the_asset_asked_for_longest_ago():

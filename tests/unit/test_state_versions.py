@@ -6,7 +6,7 @@ import random
 import pytest
 
 from service.json_text import compact
-from service.runtime.packed_state import PackedState
+from service.results.json_columns import dump
 from tests.stored_states import stored_state
 from twin.errors import ParameterError
 from twin.serial import Misfit
@@ -64,4 +64,4 @@ def test_a_state_of_eight_windows_is_small():
     """It was 220 kB, 64 kB compressed: each number in 18 digits, and windows once in the history and in each stage."""
     data = stored_state("unsw-rig").to_dict()
     assert len(stored_state("unsw-rig").tracing.history) == 8
-    assert len(compact(data)) < 105_000 and len(PackedState.of(data).packed) < 58_000
+    assert len(compact(data)) < 105_000 and len(dump(data)) < 58_000

@@ -1,0 +1,343 @@
+"""One job of an asset, from its row to its transaction: what whoever computes does, in whatever process.
+
+    turned = work.turn(Turn(asset="press-7"))
+
+People's jobs come before windows, and windows in the order in which they closed; those that wait for an answer by
+people are passed over. What a job goes on from is at hand where this process has committed the asset's last job, and is
+read else. What could not be committed is committed by the next turn, without being computed again; and what was
+committed by somebody who could not say so is told by it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from service.alarms.keeper import AlarmKeeper
+from service.alarms.rules import rules_at
+from service.errors import FAULT, InputError, StorageUnavailable, StoreError
+from service.results.alarm_store import AlarmStore
+from service.results.asset_table import AssetTable
+from service.results.baseline_store import BaselineStore
+from service.results.data_folder import BASELINES, SEGMENTS
+from service.results.jobs import WINDOW, Job, Jobs
+from service.results.kept_signals import KeptSignals
+from service.results.names import Names
+from service.results.sql_store import SqlStore, Superseded, new_mark
+from service.results.window_jobs import WaitingWindow, WindowJobs
+from service.runtime.asset_twins import AssetTwins
+from service.runtime.changes import Changes
+from service.runtime.commits import Commits, Marks
+from service.runtime.computing import Ask, Call, Made, Turn, Turned, WindowToUse, carry_out
+from service.runtime.decisions import Decisions
+from service.runtime.outcomes import Outcome
+from service.runtime.place import JobKind, Place
+from service.runtime.questions import ALL_WAIT, COUNT_FELL, count_fell, one_left_out
+from service.runtime.twin_port import Twin, guarded
+from service.runtime.window_outcomes import left_out, outcome_of
+from service.settings import Settings
+from service.steady_clock import later_time_ns
+from twin.errors import TwinError
+from twin.rig import Rig
+
+KEPT = 64  # assets whose place is at hand; those of others are read again
+NO_WINDOW = "no window has been processed yet"
+OTHER_VERSION = "it was written by another version of gear-twin; use that version, or another --data directory"
+DAMAGED = "it is damaged, or this is an internal error; restore a backup, or report it"
+ONE_DISTURBED = (
+    "the revolution count of this window alone lies far below that of the windows before and after it: it is taken for "
+    "a disturbance of the counter"
+)
+
+
+class Stopped(Exception):
+    """An asset that cannot go on from what is kept of it, until the next start."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Due:
+    """What is to be committed, and what is answered then."""
+
+    place: Place
+    outcome: Outcome
+    job: Job | None
+    marks: Marks
+    turned: Turned
+
+
+class Work:
+    """The jobs of any asset; those of one asset are asked for one after the other.
+
+    begun  called with the row that is gone on with
+    """
+
+    def __init__(
+        self,
+        store: SqlStore,
+        table: AssetTable,
+        twin: Twin,
+        *,
+        windows: WindowJobs,
+        names: Names,
+        baselines: BaselineStore,
+        signals: KeptSignals | None = None,
+        alarms: AlarmKeeper | None = None,
+        begun: Callable[[int], object] = lambda row: None,
+    ) -> None:
+        self._begun = begun
+        self._store, self._windows, self._jobs = store, windows, Jobs(store.database)
+        self._commits = Commits(store, table, windows, signals, alarms)
+        self._twins = AssetTwins(twin, baselines)
+        changes = Changes(self._jobs, windows, store, table, names=names, baselines=baselines)
+        self._kinds: Mapping[str, JobKind] = {**Decisions(store).kinds, **changes.kinds}
+        self._places: OrderedDict[str, tuple[int, Place]] = OrderedDict()  # with the asset's mark
+        self._lock = threading.Lock()  # of those: several threads have assets side by side
+        self._due: dict[str, _Due] = {}  # by asset
+        self.ended = threading.Event()  # nothing is committed any more
+
+    def turn(self, turn: Turn) -> Turned:
+        """The next job of an asset."""
+        try:
+            return self._turn(turn)
+        except Stopped as reason:
+            return Turned(asset=turn.asset, stopped=str(reason))
+        except StorageUnavailable as error:
+            if error.reason == "damaged":
+                return Turned(asset=turn.asset, stopped=str(error))
+            return self._unstored(turn, error)
+        except (StoreError, OSError) as error:
+            return self._unstored(turn, error)
+
+    def curves(self, asset: str) -> Mapping[Any, Any]:
+        """The wear curves of an asset that are at hand, by their keys."""
+        _, place = self._places.get(asset, (0, None))
+        return {} if place is None or place.twin.curves is None else place.twin.curves(place.rig, place.state)
+
+    # -- turns ---------------------------------------------------------------------------------------
+
+    def _turn(self, turn: Turn) -> Turned:
+        asset, mark = turn.asset, self._store.mark(turn.asset)
+        due = self._due.get(asset)
+        if due is not None and mark in due.marks:
+            return self._commit(due)
+        self._due.pop(asset, None)
+        if turn.tried and (ended := self._ended(asset, turn.tried)) is not None:
+            return ended
+        job = self._jobs.next(asset)
+        window = self._windows.next(asset) if job is None else None
+        waits = job or window
+        if waits is None:
+            return Turned(asset=asset)
+        self._begun(waits.id)
+        place = self._place(asset, mark)
+        marks = Marks(mark, new_mark())
+        if job is not None:
+            return self._people(place, marks, job, turn)
+        assert window is not None
+        return self._window(place, marks, window, turn)
+
+    def _place(self, asset: str, mark: int) -> Place:
+        """Where the asset's jobs have come to."""
+        known, place = self._places.get(asset, (None, None))
+        if place is None or known != mark:
+            place = self._read(asset)
+        self._at_hand(place, mark)
+        return place
+
+    def _at_hand(self, place: Place, mark: int) -> None:
+        with self._lock:
+            self._places[place.asset] = mark, place
+            self._places.move_to_end(place.asset)
+            if len(self._places) > KEPT:
+                self._places.popitem(last=False)
+
+    def _read(self, asset: str) -> Place:
+        stored = self._store.asset(asset)
+        if stored.damaged is not None:
+            self._store.demand_sound(asset)
+        rig = Rig.from_mapping(stored.rig or {})
+        twin = self._twins.of(asset, rig)
+        try:
+            state = twin.load_state(stored.state) if stored.state is not None else twin.new_state()
+        except TwinError as error:
+            raise Stopped(f"the stored state of {asset} cannot be read: {error}: {OTHER_VERSION}") from error
+        except ValueError as error:
+            raise Stopped(f"the stored state of {asset} cannot be read: {error}: {DAMAGED}") from error
+        index = self._store.next_index(asset)
+        place = Place(asset=asset, rig=rig, twin=twin, state=state, index=index, report=stored.report)
+        place.question, place.begun = stored.question, stored.state is not None or index > 0
+        place.make_from(stored.making or {})
+        return place
+
+    def _commit(self, due: _Due) -> Turned:
+        """Keeps what a job has led to, and goes on from it."""
+        asset, outcome = due.place.asset, due.outcome
+        if self.ended.is_set():
+            raise Stopped("the service has ended")
+        self._due[asset] = due
+        try:
+            self._commits.commit(outcome, due.job, due.marks)
+        except Superseded:
+            del self._due[asset]
+            return self._ended(asset, due.turned.job) or Turned(asset=asset, more=True)
+        except (StoreError, OSError):
+            raise
+        except BaseException:
+            del self._due[asset]
+            raise
+        del self._due[asset]
+        due.place.accept(outcome)
+        if due.job is not None and due.job.changes:
+            with self._lock:
+                self._places.pop(asset, None)  # its rig file or its baseline may be another one
+        else:
+            self._at_hand(due.place, due.marks.after)
+        outcome.after()
+        return replace(due.turned, stored_ns=later_time_ns(), more=self._more(asset))
+
+    def _unstored(self, turn: Turn, error: StoreError | OSError) -> Turned:
+        """What was not committed now, as far as is known."""
+        due = self._due.get(turn.asset)
+        return Turned(asset=turn.asset, job=turn.tried if due is None else due.turned.job, unstored=error)
+
+    def _ended(self, asset: str, row: int | None) -> Turned | None:
+        """What somebody has done of a row who could not say so; None where it is still to be done."""
+        assert row is not None
+        stands = self._jobs.stands(row)
+        if stands is not None and not stands.done and not stands.held:
+            return None
+        turned = Turned(asset=asset, job=row, stored_ns=later_time_ns(), more=self._more(asset))
+        if stands is not None:
+            return replace(turned, kind=stands.kind, held=bool(stands.held))
+        record = next((window.record for window in self._store.latest_windows(asset, 1)), {})
+        return replace(turned, kind=WINDOW, index=record.get("index", -1), grade=record.get("quality", ""))
+
+    def _more(self, asset: str) -> bool:
+        """Whether another job of the asset waits for its turn."""
+        try:
+            return self._jobs.next(asset) is not None or self._windows.next(asset) is not None
+        except StoreError:
+            return True
+
+    # -- people's jobs -------------------------------------------------------------------------------
+
+    def _people(self, place: Place, marks: Marks, job: Job, turn: Turn) -> Turned:
+        kind, turned = self._kinds[job.kind], Turned(asset=place.asset, job=job.id, kind=job.kind)
+        refused = turn.refusal(job.id) or (None if kind.begins or place.begun else NO_WINDOW)
+        try:
+            if refused is None:
+                ask = kind.ask(place, job)
+                made = Made() if ask is None else self._carried_out(place, ask, turn)
+                if made.handed_back:
+                    return replace(turned, job=None, search=True)
+                verb = "" if ask is None else ask.verb
+                turned, refused = replace(turned, verb=verb, parts=made.parts), made.refused
+            if refused is None:
+                outcome = kind.then(place, job, made)
+                return self._commit(_Due(place=place, outcome=outcome, job=job, marks=marks, turned=turned))
+        except StoreError:
+            raise
+        except (TwinError, InputError) as reason:
+            refused = str(reason)
+        self._jobs.refuse(job.id, refused, kind.refused(job, refused))
+        return replace(turned, fault=refused.startswith(FAULT), more=self._more(place.asset))
+
+    def _carried_out(self, place: Place, ask: Ask, turn: Turn) -> Made:
+        return carry_out(
+            Call(
+                asset=place.asset, twin=place.twin, rig=place.rig, state=place.state, ask=ask, hand_back=turn.hand_back
+            )
+        )
+
+    # -- windows -------------------------------------------------------------------------------------
+
+    def _window(self, place: Place, marks: Marks, window: WaitingWindow, turn: Turn) -> Turned:
+        turned = Turned(asset=place.asset, job=window.id, kind=WINDOW, verb="window", started_ns=later_time_ns())
+        question, file = place.question, self._windows.path_of(window)
+        if question is not None and question["kind"] in ALL_WAIT and file is not None:
+            return self._hold(place, marks, window, question, None, turned)
+        if file is None:
+            made = left_out(window.start_ns, window.refuse or "")
+        else:
+            refuse = window.refuse or turn.refusal(window.id)
+            given = WindowToUse(start_ns=window.start_ns, file=file, before=place.encoders, refuse=refuse)
+            made = self._carried_out(place, Ask("window", given), turn)
+        if made.handed_back:
+            return replace(turned, job=None, search=True)
+        turned = replace(
+            turned, made_ns=later_time_ns(), parts=made.parts, fault=(made.refused or "").startswith(FAULT)
+        )
+        fell = made.fell
+        if fell is not None and not fell.ignored:
+            asked = question or count_fell(fell.seen, fell.fallen, window.start_ns)
+            return self._hold(place, marks, window, asked, made.state, turned)
+        if fell is not None:
+            made = replace(made, refused=fell.reason)
+        outcome = replace(outcome_of(place, made), waited=window.id)
+        if self._is_one_disturbed(question, window, made):
+            outcome = replace(outcome, changed={"question": None}, refuse=ONE_DISTURBED)
+        elif file is None and window.again and question is not None:
+            outcome = replace(outcome, changed={"question": one_left_out(question)})
+        turned = replace(turned, index=outcome.index, grade=outcome.record["quality"])
+        return self._commit(_Due(place=place, outcome=outcome, job=None, marks=marks, turned=turned))
+
+    def _hold(
+        self,
+        place: Place,
+        marks: Marks,
+        window: WaitingWindow,
+        question: Mapping[str, Any],
+        state: Any,
+        turned: Turned,
+    ) -> Turned:
+        """A window waits for an answer by people."""
+        held = Outcome(
+            asset=place.asset,
+            held=True,
+            waited=window.id,
+            state=state,
+            changed={"question": question},
+            events=(("question", dict(question)),) if place.question is None else (),
+        )
+        turned = replace(turned, held=True)
+        return self._commit(_Due(place=place, outcome=held, job=None, marks=marks, turned=turned))
+
+    def _is_one_disturbed(self, question: Mapping[str, Any] | None, window: WaitingWindow, made: Made) -> bool:
+        """Whether a window shows that the one before it, which waits for an answer, was a fault of the counter."""
+        goes_on = made.refused is None and made.answer is not None and made.answer.record.get("revolutions") is not None
+        fell = question is not None and question["kind"] == COUNT_FELL
+        return fell and goes_on and not window.again and self._windows.held(window.asset) == 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Workplace:
+    """Where another process finds what it works on; can be handed to it.
+
+    open  the results, which a service of which that process is a part has opened before
+    make  makes the twin of its options
+    """
+
+    settings: Settings
+    open: Callable[[], SqlStore]
+    make: Callable[[Any], Twin]
+    options: Any
+
+    def work(self, begun: Callable[[int], object]) -> Work:
+        """What is done there; `begun` is that of `Work`."""
+        store, data = self.open(), self.settings.data
+        alarms = AlarmKeeper(AlarmStore(store.database), rules_at(self.settings.alarm_rules), self.settings.webhooks)
+        segments = data / SEGMENTS
+        return Work(
+            store,
+            AssetTable(store, alarms),
+            guarded(self.make(self.options), passed=(MemoryError,)),  # another process may have enough
+            windows=WindowJobs(store.database, segments, sweeps=False),
+            names=Names(store.database),
+            baselines=BaselineStore(store.database, data / BASELINES, clears=False),
+            signals=KeptSignals(store.database, lambda asset: segments, self.settings.signal_bytes),
+            alarms=alarms,
+            begun=begun,
+        )
