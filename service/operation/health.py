@@ -28,8 +28,8 @@ FLEET = "fleet"
 
 LOOPS = {
     HTTP: "answers requests, and tells systemd that the service is alive",
-    RECEPTION: "assembles frames to windows, makes them durable, commits and publishes results",
-    WORKERS: "hands windows to worker processes and replaces those that end; a part of the loop above",
+    RECEPTION: "assembles frames to windows, makes them durable and publishes results",
+    WORKERS: "hands assets to worker processes and replaces those that end; a part of the loop above",
     RAW_RECORDINGS: "the thread that keeps all frames as MCAP recordings, where a folder is set",
     WEBHOOKS: "the thread that sends messages about alarms",
     RETENTION: "the thread that deletes what is older than it is kept",

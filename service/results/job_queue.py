@@ -1,4 +1,4 @@
-"""Jobs on their way to the thread that owns the twin: kept when they are submitted, carried out once.
+"""Jobs on their way to whoever carries them out: kept when they are submitted, carried out once.
 
 queue.submit(asset, kind, given) → id       in the database when it returns, whatever happens then
 await queue.wait(id, seconds) → job         once it has been carried out or refused; None while it waits

@@ -49,7 +49,7 @@ class Outcome:
     index: int = -1  # from 0, counting refused ones
     window: Window | None = None  # as it was used; without its signals where its frames were kept in a file
     record: Mapping[str, Any] = field(default_factory=dict)  # the contract's `windows[]`, with `quality` and `faults`
-    waited: int | None = None  # number of the job that the window was; None where it was kept in memory alone
+    waited: int | None = None  # number of the job that the window was; None where it has none
     before: Mapping[str, Any] | None = None  # what its making took from the window before
     making: Mapping[str, Any] | None = None  # what the making of the next window goes on from, and what is counted
     signals: bool = True  # whether it has any
