@@ -34,7 +34,10 @@ def main() -> int:
     print()
     figures = bench_pipeline.main(minutes=6.0 if chosen.quick else 60.0)
     figures += bench_ingest.figures(bench_ingest.measured(20, 4, 25_600.0, 40.0))
-    figures += bench_store.figures(bench_store.compared(2000, 50_000, 15))
+    figures += bench_store.figures(
+        bench_store.compared(bench_store.made, bench_store.actions, (2000, 50_000), 15)
+        | bench_store.compared(bench_store.plant, bench_store.lists, (200, 10_000), 15)
+    )
     for figure in figures[-2:]:
         print(figure.line)
     if not chosen.quick:

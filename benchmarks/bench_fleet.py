@@ -86,7 +86,7 @@ class _Sink:
 
 def loop(database: str, recordings: list[str]) -> None:
     """Takes recordings through the pipeline, the first one to warm up; prints what each of the others took [s]."""
-    from service.files.recorded_rig import rig_of
+    from service.files.rig import rig_of
     from service.results.sql_store import SqlStore
     from service.runtime.pipeline import Pipeline
     from service.runtime.twin_port import gear_twin
@@ -159,7 +159,7 @@ def _router(process: Any, top: int) -> str:
 
 
 def _group(process: Any, top: int) -> str:
-    return "service" if process.pid == top else "computing"
+    return "computing" if process.name() == "work" else "service"
 
 
 def _publish(recordings: Mapping[int, Path], endpoint: str, prefix: Callable[[int], str], folder: Path) -> float:
@@ -291,7 +291,7 @@ class Run:
 
 
 SERVICE_GROUPS = ("service", "computing")
-ENGINE_GROUPS = ("up", "head", "node")
+ENGINE_GROUPS = ("up", "head", "node", "host")
 FLEET_GROUPS = ("partition", "fleet computing", *ENGINE_GROUPS)
 
 
@@ -345,7 +345,8 @@ def figures(run: Run) -> list[Figure]:
         ),
     ]  # fmt: skip
     for what, groups, by in (
-        ("memory of a partition with what computes for it", ("partition", "computing"), PARTITIONS),
+        ("memory of a partition", ("partition",), PARTITIONS),
+        ("memory of a host with what computes, without its partitions", ("host", "computing"), NODES),
         ("memory of the engine's head", ("head",), 1),
         ("memory of a node", ("node",), NODES),
         ("memory of fleet up", ("up",), 1),

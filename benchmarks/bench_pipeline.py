@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.long_recording import write_long_recording
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.features.extract import extract
 from twin.model import Calibration, Condition, Model
@@ -111,19 +111,34 @@ import time
 began = time.process_time()
 from service.long_lived import long_lived
 with long_lived():
-    import service.logs, service.runtime.serve
+    {loads}
 print(time.process_time() - began)
 """
+LOADS = {
+    "service": "import service.logs, service.runtime.serve",
+    "libraries": "import alembic, fastapi, mcap.reader, numpy, prometheus_client, pydantic_settings, sqlalchemy; "
+    "import sse_starlette, structlog",
+}
 
 
 def import_of_the_service() -> list[Figure]:
-    """What `gear-twin serve` loads, as it does, with byte code at hand: the quickest of five."""
+    """What `gear-twin serve` loads, as it does, with byte code at hand; and over its libraries."""
     with tempfile.TemporaryDirectory(prefix="gear-twin-bench-") as made:
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         environment["PYTHONPYCACHEPREFIX"] = made
-        program = [sys.executable, "-c", LOADING]
-        times = [float(subprocess.check_output(program, cwd=ROOT, env=environment)) for _ in range(6)]
-    return [Figure(what="import of the service, processor", value=min(times[1:]), unit="s", aim=0.6, limit=2.0)]
+        times: dict[str, list[float]] = {name: [] for name in LOADS}
+        for _ in range(6):
+            for name, loads in LOADS.items():
+                program = [sys.executable, "-c", LOADING.format(loads=loads)]
+                times[name].append(float(subprocess.check_output(program, cwd=ROOT, env=environment)))
+    quickest = {name: min(each[1:]) for name, each in times.items()}
+    ratio = quickest["service"] / quickest["libraries"]
+    return [
+        Figure(
+            what="import of the service, processor", value=quickest["service"], unit="s", aim=0.6, by_the_clock=True
+        ),
+        Figure(what="import of the service, over its libraries", value=ratio, unit="times", aim=2.0, limit=3.0),
+    ]
 
 
 def one_window() -> list[Figure]:

@@ -29,6 +29,7 @@ from service.fleet.census import Census, census
 from service.fleet.databases import engine_of, front_tables
 from service.fleet.layout import Layout, partition_of
 from service.results.database import Database
+from service.results.roles import Roles
 from service.runtime.demo import free_port
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
@@ -141,11 +142,12 @@ def tree(pid: int) -> list[psutil.Process]:
 
 
 def group_of(process: psutil.Process, top: int) -> str:
-    """What a process of a fleet is: `up`, the engine's head or a node of it, a partition, or what computes for one."""
+    """What a process of a fleet is: `up`, the engine's head or a node, a host, a partition or what computes."""
     for ancestor in (process, *process.parents()):
         words = " ".join(ancestor.cmdline())
-        if "PartitionActor" in words:
-            return "partition" if ancestor.pid == process.pid else "computing"
+        if "HostActor" in words:
+            role = process.name().partition(" ")[0]
+            return {"work": "computing", "ingest": "partition", "record": "partition"}.get(role, "host")
         if "--node-name=" in words:
             return "head" if "--node-name=head" in words else "node"
         if ancestor.pid == top:
@@ -280,7 +282,10 @@ class Plant:
         self.folder, self.endpoint, self.layout = folder, endpoint, Layout(partitions)
         self.tables = engine_of(url, poolclass=sa.NullPool)
         self.database = Database(front_tables(url, self.layout))
-        self._arguments = [str(TESTS / "fleet_up.py")] if fake else ["-m", "service", "fleet", "up", "--no-front"]
+        self.roles = Roles(self.database)
+        self._arguments = (
+            [str(TESTS / "fleet_up.py"), "fake_twin"] if fake else ["-m", "service", "fleet", "up", "--no-front"]
+        )
         self._settings = {
             "DATA": str(folder / "data"), "DATABASE": url, "CONNECT": json.dumps([endpoint]), "NEW_ASSETS": "adopt",
             "FLEET_PARTITIONS": str(partitions), "TRACE": "false", "IDLE_TIMEOUT": "2",
@@ -288,7 +293,7 @@ class Plant:
         sys.path.insert(0, str(TESTS))
         from ray_nodes import RayNodes
 
-        self.nodes, self._count = RayNodes(folder / "ray", room=partitions), nodes
+        self.nodes, self._count = RayNodes(folder / "ray"), nodes
         self._process: subprocess.Popen[bytes] | None = None
         self._asked = 0  # questions of this program's own
         self.started: dict[str, float] = {}  # what had been reached, after how long [s]
@@ -333,7 +338,7 @@ class Plant:
 
     def census(self) -> Census:
         """Which partitions are served."""
-        return census(self.database)
+        return census(self.roles)
 
     def spent(self) -> Spent:
         """Processor times of all its processes."""

@@ -276,14 +276,11 @@ class RealFleet:
 
     def _served(self, gone: set[int], tokens: list[int]) -> float:
         """When the last of some partitions has been taken by another worker, by the wall clock [s]."""
-        import sqlalchemy as sa
-
-        from service.fleet.layout import PARTITIONS as ROWS
+        from service.fleet.census import partitions
 
         def taken() -> list[int]:
-            with self.plant.tables.connect() as db:
-                found = db.execute(sa.select(ROWS.c.number, ROWS.c.token, ROWS.c.taken_ns, ROWS.c.seen_ns)).all()
-            return [row.taken_ns for row in found if row.number in gone and row.token > tokens[row.number]]
+            found = [p for p in partitions(self.plant.roles) if p.number in gone and p.token > tokens[p.number]]
+            return [partition.ingest.began_ns for partition in found if partition.ingest is not None]
 
         wait_until(lambda: len(taken()) == len(gone), SETTLED_WITHIN, "the partitions of the node")
         return max(taken()) / NS

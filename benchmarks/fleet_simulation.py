@@ -30,6 +30,8 @@ from benchmarks.fleet_model import Array, Costs, Model, Plan, Result
 from benchmarks.fleet_plant import campaign
 from benchmarks.fleet_real import IDLE_TIMEOUT, NODES, STEP, Found, Load, Slower, fleet
 from benchmarks.fleet_real import PARTITIONS as REAL_PARTITIONS
+from service.fleet.lease import LOOK_EVERY, SILENT
+from service.runtime.curves import Curves, WorkerCurves, name_of, packed
 from service.runtime.delivery import ASK_EVERY
 from service.runtime.positions import ON_THE_WAY
 
@@ -40,7 +42,7 @@ REAL = (
 )
 IDLE = 15.0  # that is measured without frames [s]
 TICK = 0.1  # between two looks of the receiving thread whether a window has closed [s]
-DETECT = 5.0  # until Ray takes a node for lost, with the health checks of docker/compose.fleet.yml [s]
+DETECT = SILENT + LOOK_EVERY / 2  # until another host takes what a lost one had [s]
 
 SIZES = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 PERIOD = 600.0  # of an asset's windows, of 2.5 s at 12.8 kHz [s]
@@ -83,12 +85,14 @@ class _Kept:
     def read(self, asset: str, name: str) -> bytes | None:
         return self.curves.get(name)
 
+    def keep(self, asset: str, curves: Curves) -> None:
+        """Keeps nothing more."""
+
 
 def _cold(windows_before: int) -> float:
     """The first step of an asset in this process, which reads the curves that another one has kept [s]."""
     from benchmarks.scoring import windows_of
     from service.contract.estimate import step
-    from service.runtime.curves import WorkerCurves, name_of, packed
     from twin.kept_curves import curves_of
     from twin.options import Options
     from twin.state import State
@@ -102,8 +106,8 @@ def _cold(windows_before: int) -> float:
     data = state.to_dict()
     PATHS.clear()
     begun = time.process_time()
-    with WorkerCurves().read_from(kept, "asset"):
-        step(rig, State.from_dict(data), windows[windows_before], options)
+    WorkerCurves(kept).at("asset", lambda asset: {})
+    step(rig, State.from_dict(data), windows[windows_before], options)
     return time.process_time() - begun
 
 
@@ -208,8 +212,8 @@ class Fleets:
     transactions: float  # a window
     log: float  # a window [bytes]
     transactions_idle: float  # of a partition a second
-    partition_memory: float  # with what computes for it [bytes]
-    node_memory: float  # [bytes]
+    partition_memory: float  # [bytes]
+    node_memory: float  # with its host and what computes there [bytes]
     commit: float  # one transaction that reaches the disk [s]
     restart: float  # processor time of a partition's start [s]
     restart_wait: float  # of the same, without a core [s]
@@ -232,8 +236,8 @@ def measured_fleet(steps: Steps, restart: tuple[float, float], commit: float) ->
         transactions=a_window["transactions"],
         log=a_window["log"],
         transactions_idle=run.idle["transactions"] / PARTITIONS,
-        partition_memory=(memory["partition"] + memory["computing"]) / PARTITIONS,
-        node_memory=memory["node"],
+        partition_memory=memory["partition"] / PARTITIONS,
+        node_memory=memory["node"] + memory["host"] + memory["computing"],
         commit=commit,
         restart=processor,
         restart_wait=max(seconds - processor, 0.0),

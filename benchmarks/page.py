@@ -230,9 +230,9 @@ def main() -> None:
         segments.mkdir()
         keep_signals(store, segments, "gearbox-00", chosen.windows)
         table = AssetTable(store, AlarmKeeper(AlarmStore(store.database)), most=None)
-        table.load(store.all_assets())
+        table.load()
         table.write_noted()
-        with serving(table, store, KeptSignals(store.database, lambda asset: segments)) as address:
+        with serving(table, store, KeptSignals(store.database, segments)) as address:
             for figure in measure(address, table, store, chosen.windows):
                 print(figure.line)
 

@@ -196,15 +196,16 @@ def _default(parameter: Any) -> str:
 
 def settings() -> str:
     """Every setting of the service with its place in the file, variable, default and limits."""
-    from service.configuration.printed import shown, toml
+    from service.configuration.printed import shown
     from service.configuration.tables import places
     from service.settings import Settings
+    from service.toml_text import value_text
 
     rows = []
     for name, place in places(Settings).items():
         field = Settings.model_fields[name]
         value = shown(field.get_default(call_default_factory=True))
-        default = "" if value is None else f"`{toml(value)}`"
+        default = "" if value is None else f"`{value_text(value)}`"
         limits = [f"{sign} {getattr(m, key):g}" for m in field.metadata for key, sign in _SIGNS if hasattr(m, key)]
         rows.append((f"`{place}`", f"`{place.variable}`", default, ", ".join(limits), field.description or ""))
     return table(("in the file", "variable", "default", "limits", "meaning"), rows)
@@ -375,7 +376,7 @@ def _answer_row(question: Any, path: str) -> tuple[str, str, str, str]:
 
 def units() -> str:
     """The units that an answers file may use."""
-    from service.setup.units import UNITS
+    from service.setup.questions import UNITS
 
     return table(("quantity", "units"), [(kind, ", ".join(f"`{u}`" for u in known)) for kind, known in UNITS.items()])
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from service.contract.estimate import Estimate, step
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.options import Options
 from twin.rig import Rig

@@ -21,9 +21,9 @@ import numpy as np
 from benchmarks.scoring import windows_of
 from service.contract.estimate import step
 from service.stream.channels import kind_of
-from service.stream.faults import grade_of
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece
+from service.stream.quality import grade_of
 from service.stream.samples import Span, lay_samples
 from service.stream.window import by_sound_instruments
 from service.stream.wire.topics import Channel

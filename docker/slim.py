@@ -35,6 +35,7 @@ assert run(["--help"]) == 0
 assert run(["assess", sys.argv[1], "--json", "answer.json"]) == 0
 assert run(["report", "answer.json", "--out", "report.pdf"]) == 0
 import service.runtime.serve, service.transport.zenoh, service.runtime.replay, service.runtime.record
+import service.runtime.raw_recorder
 if sys.argv[3:] == ["fleet"]:
     import ray.scripts.scripts, ray.dashboard.agent, ray._private.log_monitor, ray._private.workers.setup_worker
     import service.fleet.up, service.fleet.front, service.fleet.engine, service.fleet.assess_task

@@ -65,7 +65,7 @@ class Result:
         """
         import matplotlib.pyplot as plt
 
-        from service.report import report_of
+        from service.report.content import report_of
         from service.report.trends import figure_of
 
         figure = plt.figure(layout="constrained")

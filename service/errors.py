@@ -33,6 +33,10 @@ class InputError(ServiceError):
     """Input that cannot be used."""
 
 
+class NameTaken(InputError):
+    """A name that an asset has, or had: no other asset begins under it."""
+
+
 class FrameError(InputError):
     """A frame outside the contract's limits."""
 

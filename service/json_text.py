@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic_core import from_json
 
-from service.errors import InputError
+from service.file_faults import writing
 
 
 class JsonText(Mapping[str, Any]):
@@ -86,10 +86,8 @@ def write_text(path: str | Path, text: str) -> None:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Writes a file; InputError names one that cannot be written."""
-    try:
+    with writing(path):
         path.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
 
 
 def wrote_json(value: Any, path: Path | None) -> bool:

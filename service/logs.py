@@ -81,6 +81,13 @@ def figures() -> dict[str, Any]:
     return {"log_lines": lines, "log_lines_left_out": 0 if found is None else found.left_out}
 
 
+def count_anew() -> None:
+    """Forgets what has been counted; for a process that has been forked."""
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, LimitedLines):
+            handler.count_anew()
+
+
 def about(**bound: Any) -> AbstractContextManager[Any]:
     """Lines that are logged inside, in this thread, carry these values."""
     return structlog.contextvars.bound_contextvars(**bound)
@@ -134,6 +141,11 @@ class LimitedLines(logging.Handler):
         self._timer: threading.Timer | None = None
         self.lines: Counter[str] = Counter()  # written, by level
         self.left_out = 0
+
+    def count_anew(self) -> None:
+        """Forgets the lines that have been written or left out."""
+        self.lines, self.left_out, self._timer = Counter(), 0, None
+        self._causes.clear()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Writes a record, or counts it."""

@@ -70,7 +70,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skips what is for `serve` alone where fleets are in its place."""
+    """Skips what needs the reference data where they are not, and what is for `serve` alone where fleets are."""
+    if item.get_closest_marker("shared") and not shared_is_here():
+        pytest.skip(f"the reference data are not here: no folder {shared_folder() / 'campaigns'} (GEAR_TWIN_SHARED)")
     mark = item.get_closest_marker(SERVE_ONLY)
     if mark is not None and os.environ.get(FLEET):
         pytest.skip(*mark.args)

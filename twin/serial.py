@@ -3,13 +3,15 @@
     plain = to_plain(value);   value == from_plain(type(value), plain)
 
 Holds for dataclasses whose fields are numbers, strings, booleans, None, literals, bytes, dataclasses, tuples, lists,
-mappings and unions of these. A union of dataclasses is told by its fields: no two members may have the same names. A
-mapping by numbers becomes pairs. What a field needs besides, its type says:
+mappings, fractions, arrays of numpy and unions of these. A union of dataclasses is told by its fields: no two members
+may have the same names. A mapping by anything but strings becomes pairs; what is of the type Any stands as it is, which
+JSON must know. What a field needs besides, its type says:
 
     Annotated[tuple[complex, ...], Packed("c16")]   many numbers, as little-endian bytes; `Numbers` are such of floats
     Annotated[Effect, Named(EFFECTS)]               a dataclass of a table, by its name there
 
 Bytes are kept beside the fields, under `arrays`, as text of base 64; those that occur again are written once.
+`to_parts` and `from_parts` give them as they are, to a file that has its own place for them.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from base64 import b64decode, b64encode
 from binascii import Error as NoBase64
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from fractions import Fraction
 from functools import cache
 from itertools import repeat
 from types import NoneType, UnionType
@@ -65,9 +68,8 @@ class Misfit(ValueError):
 
 def to_plain(value: Any) -> dict[str, Any]:
     """A dataclass as dicts, lists, strings, numbers, booleans and None; exact."""
-    written = _Written()
-    plain: dict[str, Any] = _form(type(value)).write(value, written)
-    return {**plain, ARRAYS: written.texts()} if written.numbers else plain
+    plain, arrays = to_parts(value)
+    return {**plain, ARRAYS: [b64encode(data).decode("ascii") for data in arrays]} if arrays else plain
 
 
 def from_plain(kind: type[T], data: Any) -> T:
@@ -75,8 +77,26 @@ def from_plain(kind: type[T], data: Any) -> T:
     arrays = data.get(ARRAYS, []) if isinstance(data, dict) else []
     if arrays:
         data = {name: item for name, item in data.items() if name != ARRAYS}
-    value: T = _form(kind).read(data, _Kept.of(arrays))
+    return from_parts(kind, data, _decoded(arrays))
+
+
+def to_parts(value: Any) -> tuple[dict[str, Any], list[bytes]]:
+    """The same with its bytes beside it."""
+    written = _Written()
+    return _form(type(value)).write(value, written), [*written.numbers]
+
+
+def from_parts(kind: type[T], data: Any, arrays: list[bytes]) -> T:
+    """A dataclass from what `to_parts` made of it; Misfit where it does not fit."""
+    value: T = _form(kind).read(data, _Kept(arrays, {}))
     return value
+
+
+def _decoded(texts: Any) -> list[bytes]:
+    try:
+        return [b64decode(text, validate=True) for text in texts]
+    except (TypeError, NoBase64, ValueError) as reason:
+        raise Misfit(f"must hold texts of base 64: {reason}").within(ARRAYS) from None
 
 
 class _Written:
@@ -89,9 +109,6 @@ class _Written:
         """The place of the bytes in the table."""
         return self.numbers.setdefault(data, len(self.numbers))
 
-    def texts(self) -> list[str]:
-        return [b64encode(data).decode("ascii") for data in self.numbers]
-
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
@@ -99,13 +116,6 @@ class _Kept:
 
     table: list[bytes]
     made: dict[tuple[int, str], tuple[Any, ...]]  # by the place in the table, and the format
-
-    @classmethod
-    def of(cls, texts: Any) -> _Kept:
-        try:
-            return cls([b64decode(text, validate=True) for text in texts], {})
-        except (TypeError, NoBase64, ValueError) as reason:
-            raise Misfit(f"must hold texts of base 64: {reason}").within(ARRAYS) from None
 
     def bytes(self, data: Any) -> bytes:
         if type(data) is not int or not 0 <= data < len(self.table):
@@ -147,8 +157,10 @@ def _form_of(kind: Any) -> _Form:
     origin, members = get_origin(kind), get_args(kind)
     if kind in _PLAIN:
         return _standing(*_PLAIN[kind])
-    if kind is bytes:
-        return _Form("an array", lambda data, kept: kept.bytes(data), lambda v, written: written.number(v), (bytes,))
+    if kind in _OTHERS:
+        return _OTHERS[kind]
+    if getattr(kind, "__name__", "") == "ndarray":
+        return _Form("an array", _array, _array_written, (kind,))
     if origin is Annotated:
         how = next((extra for extra in members[1:] if isinstance(extra, Named | Packed)), None)
         if how is None:  # what it says is not of how it is written
@@ -164,7 +176,7 @@ def _form_of(kind: Any) -> _Form:
         return _items([_form(member) for member in members if member is not Ellipsis], alike=Ellipsis in members)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         key, item = _form(members[0]), _form(members[1])
-        return _pairs(_items([key, item], alike=False)) if members[0] in (int, float) else _mapping(item)
+        return _mapping(item) if members[0] is str else _pairs(_items([key, item], alike=False))
     if is_dataclass(kind):
         return _dataclass(kind)
     raise TypeError(f"no plain form of {kind} is known")
@@ -225,6 +237,34 @@ def _packed(name: str) -> _Form:
         return kept.made[data, name]
 
     return _Form("an array", read, write, (tuple,))
+
+
+def _fraction(data: Any, kept: _Kept) -> Fraction:
+    try:
+        return Fraction(data)
+    except (TypeError, ValueError, ZeroDivisionError):
+        raise _refusal("a fraction", data) from None
+
+
+def _array_written(value: Any, written: _Written) -> list[Any]:
+    return [written.number(value.tobytes()), value.dtype.str, list(value.shape)]
+
+
+def _array(data: Any, kept: _Kept) -> Any:
+    import numpy as np
+
+    try:
+        number, dtype, shape = data
+        return np.frombuffer(kept.bytes(number), np.dtype(dtype)).reshape(shape).copy()
+    except (TypeError, ValueError) as reason:
+        raise Misfit(f"is no array: {reason}") from None
+
+
+_OTHERS = {
+    Any: _Form("anything", lambda data, kept: data),
+    bytes: _Form("an array", lambda data, kept: kept.bytes(data), lambda v, written: written.number(v), (bytes,)),
+    Fraction: _Form("a fraction", _fraction, lambda v, written: str(v), (Fraction,)),
+}
 
 
 def _named(table: Mapping[str, type]) -> _Form:
@@ -312,7 +352,7 @@ def _pairs(pair: _Form) -> _Form:
 
 def _dataclass(kind: Any) -> _Form:
     hints, called = get_type_hints(kind, include_extras=True), kind.__name__
-    forms = {f.name: _form(hints[f.name]) for f in fields(kind)}
+    forms = {f.name: _form(hints[f.name]) for f in fields(kind) if f.init}
     names, writers = frozenset(forms), [(name, form.write) for name, form in forms.items() if form.classes]
 
     def write(value: Any, written: _Written) -> dict[str, Any]:

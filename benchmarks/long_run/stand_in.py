@@ -19,7 +19,7 @@ from typing import Any
 
 from service.__main__ import leave
 from service.contract.estimate import Estimate
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.json_text import json_text
 from service.results.jobs import Job
 from service.runtime.outcomes import Outcome

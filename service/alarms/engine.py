@@ -272,6 +272,3 @@ def _ended(key: str, own: KeyMemory, reason: str) -> Iterator[Change]:
             verb="ended", key=key, rule=own.rule, quantity=own.quantity, place=own.place, level=own.level,
             unit=QUANTITIES[own.quantity].unit, reason=reason,
         )  # fmt: skip
-
-
-__all__ = ["Change", "Moment", "evaluate", "learn_anew"]

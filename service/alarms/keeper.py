@@ -44,8 +44,6 @@ class AlarmKeeper:
         self.waiting = threading.Event()  # set where messages wait to be sent
         if store.waiting():
             self.waiting.set()
-        self._changed: set[str] = set()
-        self._lock = threading.Lock()
 
     def transaction(self) -> AbstractContextManager[Any]:
         """The transaction of which an evaluation is a part."""
@@ -147,17 +145,6 @@ class AlarmKeeper:
         """Another process may have written messages that are to be sent."""
         if self._webhooks:
             self.waiting.set()
-
-    def changed(self, asset: str) -> None:
-        """What people have acknowledged or cleared of an asset, here or at another front end, is shown by now."""
-        with self._lock:
-            self._changed.add(asset)
-
-    def changed_by_people(self) -> tuple[str, ...]:
-        """The assets whose alarms people have acknowledged or cleared since the last call: they are to be published."""
-        with self._lock:
-            changed, self._changed = tuple(sorted(self._changed)), set()
-        return changed
 
     def _told(self, asset: str, verb: str, alarm: Mapping[str, Any]) -> Events:
         """The event of a change, and the messages that wait to be sent."""

@@ -67,3 +67,6 @@ QUANTITIES = {
     ),
 }
 """By the name that rules use."""
+
+JUDGED = tuple(name for name, quantity in QUANTITIES.items() if "criterion" in quantity.bases)
+"""Those whose alarms rest on findings that are in the status already."""

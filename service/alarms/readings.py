@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from service.alarms.rules import BY_STATUS
+from service.alarms.quantities import JUDGED
 from service.contract.finding import SEVERITY, sentence
 from service.contract.overview import is_available
 from twin.learned_limits import OperatingPoint
 
 UNUSABLE = ("degraded", "refused")
-JUDGED = (*BY_STATUS, "validity", "status")  # by every status
+BY_STATUS = frozenset(JUDGED) - {"data"}
 OF_GEARS = ("fm0", "fm4", "na4", "energy_ratio", "sideband_level_factor")
 OF_SENSORS = ("rms", "kurtosis", "crest_factor")
 
@@ -63,7 +63,7 @@ def of_report(report: Mapping[str, Any]) -> Readings:
     """The readings of a report alone, as after a decision on an effect."""
     status = report.get("status")
     found = (*(_of_status(status) if status else ()), *_of_figures(report))
-    judged = frozenset(JUDGED if status else ())
+    judged = BY_STATUS if status else frozenset()
     return Readings(readings=found, judged=judged, depth_known=is_available(report.get("wear")))
 
 

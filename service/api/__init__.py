@@ -56,7 +56,7 @@ def create_app(
     figures: Callable[[], collector.Figures] = dict,
     signals: KeptSignals | None = None,
     alarms: AlarmKeeper | None = None,
-    baselines: BaselineStore | Callable[[str], BaselineStore] | None = None,
+    baselines: BaselineStore | None = None,
     access: Access | None = None,
     limits: Limits | None = None,
     audit: AuditLog | None = None,
@@ -64,7 +64,6 @@ def create_app(
     labelled_assets: int | None = LABELLED_ASSETS,
     health: Health | None = None,
     unserved: Callable[[], Sequence[int]] | None = None,
-    told: Callable[[str, str], object] = lambda what, asset: None,
 ) -> FastAPI:
     """The app over the table of assets and its store.
 
@@ -73,7 +72,7 @@ def create_app(
     figures    of the process for /metrics, by their names in the catalogue: `queue_frames`, …
     signals    raw signals of windows; None where none are kept
     alarms     whoever keeps alarms; None for one over the store, with the default rules
-    baselines  healthy baselines of single assets, or where those of an asset are kept; None where none are
+    baselines  healthy baselines of single assets; None where none are kept
     access     whom it lets in; None for clients of this computer alone
     limits     what one client may ask of it; None for the usual ones, under any name
     audit      where changes are entered; None for the store's database
@@ -81,7 +80,6 @@ def create_app(
     labelled_assets  so many have metrics of their own; None where there are no metrics of assets
     health     the loops of the process; None where there are none
     unserved   the partitions of a fleet that nobody serves; None where this is no fleet
-    told       called with what people have written of an asset without a job, and the asset
     """
     app = FastAPI(
         title="gear-twin",
@@ -91,12 +89,12 @@ def create_app(
         redoc_url=None,
     )
     app.state.table, app.state.store, app.state.not_ready = table, store, not_ready
-    app.state.signals, app.state.told = signals, told
+    app.state.signals = signals
     app.state.health = health or Health()
     app.state.library = None if signals is None else _library(signals, store, table)
     app.state.alarms = alarms or AlarmKeeper(AlarmStore(store.database))
     app.state.names, app.state.offers = Names(store.database), Offers(store.database)
-    app.state.baselines = (lambda asset: baselines) if isinstance(baselines, BaselineStore) else baselines
+    app.state.baselines = baselines
     app.state.unserved = unserved
     app.state.incoming = incoming or incoming_routes.Incoming()
     app.state.queue = queue or JobQueue(Jobs(store.database))

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from service.access.roles import Role
 from service.alarms.quantities import QUANTITIES
 from service.alarms.rules import MOST_RULES, Rule, RuleFields, RuleFile, first_fault
-from service.api.assets import ERRORS, LARGEST
+from service.api.assets import LARGEST
 from service.api.audit import audited, signer
-from service.api.guard import Guarded, needs
-from service.api.problems import problem, responses
+from service.api.guard import Routes
+from service.api.problems import problem
 from service.api.reading import asset_of
 from service.contract.alarms import Alarm
 from service.contract.base import AnswerModel
-from service.results.job_queue import ALARM
+from service.results.jobs import ALARMS, Notice
 from service.results.status_events import status_events
 
-router = APIRouter(prefix="/v1", tags=["alarms"], route_class=Guarded)
+router = Routes("alarms", prefix="/v1")
 
 VERBS = {"acknowledge": "acknowledged", "clear": "cleared"}
 RULES_BODY = 256 * 1024  # of a request with as many rules as there may be [bytes]
@@ -94,15 +94,13 @@ class AlarmRules(AnswerModel):
     quantities: list[QuantityOut] = Field(description="that rules may watch")
 
 
-@router.get("/alarms", response_model=list[Alarm], responses=responses(422))
-@needs(Role.read)
+@router.entry("GET /alarms", Role.read, list[Alarm], 422)
 def all_alarms(request: Request, query: Annotated[AlarmQuery, Query()]) -> Any:
     """Alarms of all assets with their history, most urgent first."""
     return JSONResponse(_listed(request, None, query))
 
 
-@router.get("/assets/{asset}/alarms", response_model=list[Alarm], responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /assets/{asset}/alarms", Role.read, list[Alarm], 404, 422)
 def alarms(request: Request, asset: str, query: Annotated[AlarmQuery, Query()]) -> Any:
     """Alarms of one asset with their history, most urgent first."""
     return JSONResponse(_listed(request, asset_of(request, asset), query))
@@ -113,12 +111,7 @@ def _listed(request: Request, asset: str | None, query: AlarmQuery) -> list[Any]
     return list(store.listed(asset, closed=query.state == "all", after=query.after, limit=query.limit))
 
 
-@router.post(
-    "/assets/{asset}/alarms/{number}/{verb}",
-    response_model=Alarm,
-    responses=responses(400, 404, 409, 422),
-)
-@needs(Role.operate)
+@router.entry("POST /assets/{asset}/alarms/{number}/{verb}", Role.operate, Alarm, 400, 404, 409, 422)
 def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge", "clear"], given: SignedIn) -> Any:
     """Acknowledges or clears an open alarm by name; a cleared quantity still beyond its limit is raised again."""
     own = asset_of(request, asset)
@@ -136,12 +129,13 @@ def sign(request: Request, asset: str, number: int, verb: Literal["acknowledge",
         if done is not None:
             shown = replace(before, alarms=open_now).with_whole()
             store.note(own, (*done[1], *status_events(before, *shown.health())))
+            if verb == "clear" and before.stale is not None:
+                request.app.state.queue.jobs.notice(Notice(asset=own, about=ALARMS, seen={}))  # its cause may last
             what = {"alarm": number, "quantity": known["quantity"], "place": known["place"]}
             request.app.state.audit.enter(
                 request.state.who, f"alarm {VERBS[verb]}", asset=asset, note=given.note.strip() or None, what=what
             )
         table.write(replace(before, alarms=open_now, last_event_id=store.last_event_id(own)).with_whole())
-    request.app.state.told(ALARM, own)  # also of an attempt of which nobody knew that it was done
     table.changed(own)
     if done is None:
         return problem(request, 409, _refusal(number, known))
@@ -155,20 +149,15 @@ def _refusal(number: int, alarm: Any) -> str:
     return f"alarm {number} was acknowledged by {signed['by']} at {signed['at']} already"
 
 
-@router.get("/assets/{asset}/alarm-rules", response_model=AlarmRules, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /assets/{asset}/alarm-rules", Role.read, AlarmRules, 404, 422)
 def rules(request: Request, asset: str) -> Any:
     """The alarm rules of one asset, and how far limits have been learned."""
     return JSONResponse(_rules(request, asset_of(request, asset)))
 
 
-@router.put(
-    "/assets/{asset}/alarm-rules",
-    max_body_size=RULES_BODY,
-    response_model=AlarmRules,
-    responses=responses(400, 404, 409, 422),
+@router.entry(
+    "PUT /assets/{asset}/alarm-rules", Role.administer, AlarmRules, 400, 404, 409, 422, max_body_size=RULES_BODY
 )
-@needs(Role.administer)
 def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
     """Gives one asset alarm rules of its own; alarms whose rule is gone end with the next window."""
     own = asset_of(request, asset)
@@ -184,15 +173,5 @@ def set_rules(request: Request, asset: str, given: RulesIn) -> Any:
 
 
 def _rules(request: Request, asset: str) -> dict[str, Any]:
-    quantities = [
-        {
-            "name": name,
-            "label": q.label,
-            "unit": q.unit,
-            "bases": list(q.bases),
-            "direction": q.direction,
-            "places": q.places,
-        }
-        for name, q in QUANTITIES.items()
-    ]
+    quantities = [QuantityOut(name=name, **asdict(q)).model_dump() for name, q in QUANTITIES.items()]
     return {**request.app.state.alarms.described(asset), "quantities": quantities}

@@ -5,25 +5,24 @@ from __future__ import annotations
 from typing import Annotated, Any, get_args
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import Response
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.conditional import answer
-from service.api.guard import Guarded, needs
-from service.api.problems import responses
+from service.api.guard import Responses, Routes
 from service.contract import rest as models
 from service.contract.base import AnswerModel
 from service.contract.finding import Level
 from service.results.asset_list import CURSOR, MOST, PAGE, Choice, Place
 
-router = APIRouter(prefix="/v1", tags=["assets"], route_class=Guarded)
+router = Routes("assets", prefix="/v1")
 
 LONGEST = 200  # characters of a search
 
-NEXT: dict[int | str, dict[str, Any]] = {
+NEXT: Responses = {
     200: {
         "headers": {
             "Link": {
@@ -88,8 +87,7 @@ class Area(AnswerModel):
     retired: int = Field(description="assets out of use")
 
 
-@router.get("/assets", response_model=list[models.AssetSummary], responses=NEXT | responses(422))
-@needs(Role.read)
+@router.entry("GET /assets", Role.read, list[models.AssetSummary], 422, responses=NEXT)
 async def assets(request: Request, query: Annotated[ListQuery, Query()]) -> Any:
     """The assets seen, each with its status: all by name, or by pages, the most severe first."""
     table, choice = request.app.state.table, query.choice()
@@ -106,8 +104,7 @@ async def assets(request: Request, query: Annotated[ListQuery, Query()]) -> Any:
     return await run_in_threadpool(found)
 
 
-@router.get("/areas", response_model=list[Area])
-@needs(Role.read)
+@router.entry("GET /areas", Role.read, list[Area])
 async def areas(request: Request) -> Any:
     """The parts of the plant by name: how many assets each has, by level."""
     table = request.app.state.table

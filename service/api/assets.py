@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.audit import audited
+from service.api.audit import submitted
 from service.api.conditional import answer
-from service.api.guard import Guarded, needs
-from service.api.problems import responses
+from service.api.guard import Routes
 from service.api.reading import asset_of, shown_of
 from service.contract import rest as models
 from service.contract.answer import Asset
@@ -29,9 +27,8 @@ from service.results.snapshot import TAIL, has_point, trend_point
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 
-router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
+router = Routes("assets", prefix="/v1/assets")
 
-ERRORS = responses(404, 422)
 LARGEST = 2**53  # of a window's or an inspection's number
 WAITS = "kept; it becomes part of the estimate after the window that is being processed"
 PAGE = 500  # windows read from the store at once
@@ -39,8 +36,7 @@ FEW = 10
 AROUND = 100  # windows that are read before, at and behind a number of revolutions
 
 
-@router.get("/{asset}", response_model=Asset, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}", Role.read, Asset, 404, 422)
 async def asset(
     request: Request,
     asset: str,
@@ -54,29 +50,25 @@ async def asset(
     return answer(request, {**whole, "windows": list(shown[max(len(shown) - windows, 0) :])})
 
 
-@router.get("/{asset}/wear", response_model=Wear | NotAvailable, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/wear", Role.read, Wear | NotAvailable, 404, 422)
 async def wear(request: Request, asset: str) -> Any:
     """Wear now: K, depths with their bands, profile of both flanks."""
     return answer(request, (await shown_of(request, asset)).whole["wear"])
 
 
-@router.get("/{asset}/rul", response_model=Rul | NotAvailable, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/rul", Role.read, Rul | NotAvailable, 404, 422)
 async def rul(request: Request, asset: str) -> Any:
     """Remaining useful life in revolutions and hours, with its 5–95 % band."""
     return answer(request, (await shown_of(request, asset)).whole["rul"])
 
 
-@router.get("/{asset}/residual", response_model=Residual | NotAvailable, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/residual", Role.read, Residual | NotAvailable, 404, 422)
 async def residual(request: Request, asset: str) -> Any:
     """Residual: what the model does not explain, by gear-mesh band and order."""
     return answer(request, (await shown_of(request, asset)).whole["residual"])
 
 
-@router.get("/{asset}/rig", response_model=dict[str, Any], responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/rig", Role.read, dict[str, Any], 404, 422)
 async def rig(request: Request, asset: str) -> Any:
     """The rig file in use."""
     values = (await shown_of(request, asset)).rig
@@ -107,15 +99,13 @@ class HistoryQuery(BaseModel):
     )
 
 
-@router.get("/{asset}/windows", response_model=list[WindowRecord], responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/windows", Role.read, list[WindowRecord], 404, 422)
 def windows(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Window records, oldest first: a page by cursor, or a long history thinned."""
     return answer(request, [w.record for w in history(request, asset, query)])
 
 
-@router.get("/{asset}/trend", response_model=list[models.TrendPoint], responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/trend", Role.read, list[models.TrendPoint], 404, 422)
 def trend(request: Request, asset: str, query: Annotated[HistoryQuery, Query()]) -> Any:
     """Level, depth and remaining life with their bands as each window left them; refused windows left out."""
     return answer(request, [trend_point(w) for w in history(request, asset, query) if has_point(w)])
@@ -129,15 +119,13 @@ def history(request: Request, asset: str, query: HistoryQuery) -> tuple[StoredWi
     return store.windows(own, query.after, query.limit, query.every, query.epoch)
 
 
-@router.get("/{asset}/quality", response_model=models.Quality, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/quality", Role.read, models.Quality, 404, 422)
 async def quality(request: Request, asset: str) -> Any:
     """Faults found in the data, and how many windows they touched."""
     return answer(request, (await shown_of(request, asset)).data_quality())
 
 
-@router.get("/{asset}/inspections", response_model=list[models.InspectionAnswer], responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/inspections", Role.read, list[models.InspectionAnswer], 404, 422)
 def inspections(
     request: Request,
     asset: str,
@@ -149,29 +137,14 @@ def inspections(
     return JSONResponse([_inspection(job) for job in found])
 
 
-@router.post(
-    "/{asset}/inspections",
-    status_code=201,
-    response_model=models.InspectionAnswer,
-    responses=responses(400, 404, 422),
-)
-@needs(Role.operate)
+@router.entry("POST /{asset}/inspections", Role.operate, models.InspectionAnswer, 400, 404, 422, status_code=201)
 async def add_inspection(request: Request, asset: str, inspection: models.InspectionIn) -> Any:
     """A measured wear depth becomes part of the estimate; answers with the twin's own figure and what it changed."""
     own = (await shown_of(request, asset)).asset
-    queue, store, given = request.app.state.queue, request.app.state.store, inspection.model_dump()
+    store, given = request.app.state.store, inspection.model_dump()
     twin = compare(given, await run_in_threadpool(trend_around, store, own, inspection.revolutions))
-
-    def submitted() -> int:
-        about = {"inspection": given, "answer": {**twin, **refusal(WAITS)}}
-        submit = partial(queue.submit, own, INSPECTION, about)
-        number = audited(request, "inspection", asset, submit, what=given, queued=True)
-        queue.asked.set()  # the transaction is committed now
-        return number
-
-    number = await run_in_threadpool(submitted)
-    done = await queue.wait(number, request.app.state.decision_wait)
-    return JSONResponse(_inspection(done or await run_in_threadpool(queue.jobs.job, number)), 201)
+    about = {"inspection": given, "answer": {**twin, **refusal(WAITS)}}
+    return JSONResponse(_inspection(await submitted(request, asset, own, INSPECTION, about, what=given)), 201)
 
 
 def _inspection(job: Job) -> dict[str, Any]:

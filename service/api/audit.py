@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 
 from service.access.access import Access
 from service.access.roles import Role, Who
-from service.api.guard import Guarded, needs
-from service.api.problems import responses
+from service.api.guard import Routes
 from service.contract.base import AnswerModel, iso_time
+from service.errors import FAULT
 from service.results.audit_log import AuditLog
+from service.results.job_queue import JobQueue
+from service.results.jobs import Job
 
-router = APIRouter(prefix="/v1", tags=["access"], route_class=Guarded)
+router = Routes("access", prefix="/v1")
 
 LARGEST = 2**53
 LONGEST_PATH = 500
 NS = 1e9
-T = TypeVar("T")
 
 
 class AuditEntry(AnswerModel):
@@ -47,8 +51,7 @@ class AuditQuery(BaseModel):
     limit: int = Field(100, ge=1, le=10_000, description="at most this many")
 
 
-@router.get("/audit", response_model=list[AuditEntry], responses=responses(422))
-@needs(Role.administer)
+@router.entry("GET /audit", Role.administer, list[AuditEntry], 422)
 def audit(request: Request, query: Annotated[AuditQuery, Query()]) -> Any:
     """Who changed what, when and why, oldest first; the newest entries where no cursor is given."""
     log: AuditLog = request.app.state.audit
@@ -62,23 +65,59 @@ def audited(
     request: Request,
     action: str,
     asset: str | None,
-    work: Callable[[], T],
+    work: Callable[[], Any],
     *,
     note: str | None = None,
     what: Mapping[str, Any] | None = None,
-    queued: bool = False,
-) -> T:
-    """Runs a change and enters it in the audit log, in one transaction; answers what the change does.
+) -> None:
+    """Runs a change and enters it in the audit log, in one transaction."""
+    with _entering(request) as log:
+        work()
+        log.enter(request.state.who, action, asset=asset, note=note, what=what)
 
-    queued  whether `work` answers the number of a job, which is carried out later
+
+async def submitted(
+    request: Request,
+    asset: str,
+    own: str,
+    kind: str,
+    given: Mapping[str, Any],
+    *,
+    note: str | None = None,
+    what: Mapping[str, Any] | None = None,
+) -> Job:
+    """Submits a job that somebody gives for an asset, and waits for it: the job, settled or queued.
+
+    asset, own  its name, as given, and its id
+    note, what  of its entry in the audit log; `what` is what is given where it is None
     """
+    queue: JobQueue = request.app.state.queue
+
+    def kept() -> int:
+        with _entering(request) as log:
+            number = queue.submit(own, kind, given)
+            log.enter(request.state.who, kind, asset=asset, note=note, what=given if what is None else what, job=number)
+        return number
+
+    number = await run_in_threadpool(kept)
+    done = await queue.wait(number, request.app.state.decision_wait)
+    return await run_in_threadpool(queue.jobs.job, number) if done is None else done
+
+
+def accepted(job: Job, status: int) -> int:
+    """The status once a job has been carried out, or 202 while it is queued; HTTPException where it was refused."""
+    if job.refused is not None:
+        raise HTTPException(500 if job.refused.startswith(FAULT) else 409, job.refused)
+    return status if job.settled else 202
+
+
+@contextmanager
+def _entering(request: Request) -> Iterator[AuditLog]:
+    """The audit log, in a transaction; the keys that were changed meanwhile are entered before."""
     log: AuditLog = request.app.state.audit
     enter_keys(log, request.app.state.access)
     with log.transaction():
-        done = work()
-        job = done if queued and isinstance(done, int) else None
-        log.enter(request.state.who, action, asset=asset, note=note, what=what, job=job)
-    return done
+        yield log
 
 
 def refused(request: Request, who: Who, status: int, detail: str) -> None:

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.assets import ERRORS, LARGEST
-from service.api.audit import audited, signer
-from service.api.guard import Guarded, needs
+from service.api.assets import LARGEST
+from service.api.audit import accepted, signer, submitted
+from service.api.guard import Responses, Routes
 from service.api.limits import LONGEST_TARGET
-from service.api.problems import problem, responses
+from service.api.problems import problem
 from service.api.reading import asset_of, shown_of
 from service.contract.parts import AssetBaseline, Baseline
-from service.errors import FAULT, InputError
+from service.errors import InputError
 from service.results.baseline_store import BaselineStore
 
-router = APIRouter(prefix="/v1/assets", tags=["life of an asset"], route_class=Guarded)
+router = Routes("life of an asset", prefix="/v1/assets")
 
 LARGEST_FILE = 256 * 2**20  # of a baseline that is given as a file [bytes]
+REFUSALS = (404, 409, 422, 500)  # of what changes a baseline
 NOT_KEPT = "this service keeps no baselines of single assets"
 FILE = {"requestBody": {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}}
 
@@ -49,7 +48,7 @@ class LearnIn(BaseModel):
     note: str | None = Field(None, max_length=2000)
 
 
-QUEUED: dict[int | str, dict[str, Any]] = {
+QUEUED: Responses = {
     202: {
         "model": AssetBaseline,
         "description": "queued: it is used after the current window; the earlier one is shown",
@@ -57,21 +56,21 @@ QUEUED: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get("/{asset}/baseline", response_model=AssetBaseline, responses=ERRORS)
-@needs(Role.read)
+@router.entry("GET /{asset}/baseline", Role.read, AssetBaseline, 404, 422)
 def baseline(request: Request, asset: str) -> Any:
     """The asset's own healthy baseline, and what it suffices for."""
     return JSONResponse(_shown(request, asset_of(request, asset)))
 
 
-@router.put(
-    "/{asset}/baseline",
-    response_model=AssetBaseline,
-    responses=QUEUED | responses(404, 409, 422, 500),
+@router.entry(
+    "PUT /{asset}/baseline",
+    Role.administer,
+    AssetBaseline,
+    *REFUSALS,
+    responses=QUEUED,
     openapi_extra=FILE,
     max_body_size=LARGEST_FILE,
 )
-@needs(Role.administer)
 async def put(
     request: Request,
     asset: str,
@@ -82,7 +81,7 @@ async def put(
 ) -> Any:
     """Gives the asset a baseline as a file, as `gear-twin baseline` writes it."""
     own = (await shown_of(request, asset)).asset
-    store = _store(request, own)
+    store = _store(request)
     if store is None:
         return problem(request, 409, NOT_KEPT)
     data = bytearray()
@@ -111,17 +110,13 @@ async def put(
     return await _submitted(request, asset, own, "baseline_given", {"file": file, "by": by, "note": note})
 
 
-@router.post(
-    "/{asset}/baseline/learn",
-    status_code=201,
-    response_model=AssetBaseline,
-    responses=QUEUED | responses(400, 404, 409, 422, 500),
+@router.entry(
+    "POST /{asset}/baseline/learn", Role.administer, AssetBaseline, 400, *REFUSALS, responses=QUEUED, status_code=201
 )
-@needs(Role.administer)
 async def learn(request: Request, asset: str, given: LearnIn) -> Any:
     """Learns the asset's baseline from chosen windows of its own, in place of the earlier one or added to it."""
     own = (await shown_of(request, asset)).asset
-    state, store = request.app.state, _store(request, own)
+    state, store = request.app.state, _store(request)
     if store is None or state.signals is None:
         return problem(request, 409, NOT_KEPT)
 
@@ -146,50 +141,33 @@ async def learn(request: Request, asset: str, given: LearnIn) -> Any:
     return await _submitted(request, asset, own, "baseline_given", about, 201)
 
 
-@router.delete("/{asset}/baseline", response_model=AssetBaseline, responses=QUEUED | responses(404, 409, 422, 500))
-@needs(Role.administer)
+@router.entry("DELETE /{asset}/baseline", Role.administer, AssetBaseline, *REFUSALS, responses=QUEUED)
 async def remove(request: Request, asset: str, by: Annotated[str | None, Query(max_length=200)] = None) -> Any:
     """Leaves the asset without a baseline of its own."""
     own = (await shown_of(request, asset)).asset
-    if _store(request, own) is None:
+    if _store(request) is None:
         return problem(request, 409, NOT_KEPT)
     return await _submitted(request, asset, own, "baseline_removed", {"by": by})
 
 
 async def _submitted(
-    request: Request, name: str, asset: str, kind: str, about: dict[str, Any], status: int = 200
+    request: Request, asset: str, own: str, kind: str, about: dict[str, Any], status: int = 200
 ) -> Any:
-    """The answer after a baseline has come into use, between two windows; 202 with the earlier one while it waits.
-
-    name  of the asset
-    """
-    queue = request.app.state.queue
+    """The answer after a baseline has come into use, between two windows; 202 with the earlier one while it waits."""
     about = {**about, "by": signer(request, about.get("by"))}
     given = {name: value for name, value in about.items() if value is not None}
-
-    def kept() -> int:
-        submit = partial(queue.submit, asset, kind, given)
-        number = audited(request, kind, name, submit, note=given.get("note"), what=given, queued=True)
-        queue.asked.set()  # the transaction is committed now
-        return number
-
-    number = await run_in_threadpool(kept)
-    done = await queue.wait(number, request.app.state.decision_wait)
-    if done is None:
-        return JSONResponse(await run_in_threadpool(_shown, request, asset), 202)
-    if done.refused is not None:
-        return problem(request, 500 if done.refused.startswith(FAULT) else 409, done.refused)
-    return JSONResponse(await run_in_threadpool(_shown, request, asset), status)
+    status = accepted(await submitted(request, asset, own, kind, given, note=given.get("note")), status)
+    return JSONResponse(await run_in_threadpool(_shown, request, own), status)
 
 
-def _store(request: Request, asset: str) -> BaselineStore | None:
-    """Where the baseline of an asset is kept."""
-    stores: Callable[[str], BaselineStore] | None = request.app.state.baselines
-    return None if stores is None else stores(asset)
+def _store(request: Request) -> BaselineStore | None:
+    """Where baselines of assets are kept."""
+    store: BaselineStore | None = request.app.state.baselines
+    return store
 
 
 def _shown(request: Request, asset: str) -> dict[str, Any]:
-    store = _store(request, asset)
+    store = _store(request)
     path = None if store is None else store.path(asset)
     if store is None or path is None:
         return {"own": False}

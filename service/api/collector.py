@@ -23,7 +23,7 @@ from service.results.asset_table import AssetTable
 from service.results.jobs import Jobs
 from service.results.snapshot import Snapshot
 
-Figure = float | Histogram | Mapping[str, float] | Mapping[tuple[str, ...], float]
+Figure = float | Histogram | Metric | Mapping[str, float] | Mapping[tuple[str, ...], float]
 """A metric's value; by its label, or by all its labels in their order, where it has any."""
 
 Figures = Mapping[str, Figure]
@@ -118,8 +118,8 @@ class _Gathered:
 
 def family_of(entry: MetricEntry, figure: Figure) -> Metric:
     """One metric as it is exported."""
-    if isinstance(figure, Histogram):
-        (found,) = figure.collect()
+    if isinstance(figure, Histogram | Metric):
+        found = figure if isinstance(figure, Metric) else next(iter(figure.collect()))
         found.samples = [sample for sample in found.samples if not sample.name.endswith("_created")]
         return found
     kind = CounterMetricFamily if entry.type == "counter" else GaugeMetricFamily
@@ -133,7 +133,7 @@ def _by_labels(figure: Figure) -> Iterator[tuple[tuple[str, ...], float]]:
     if isinstance(figure, Mapping):
         for labels, value in figure.items():
             yield (labels,) if isinstance(labels, str) else labels, value
-    elif not isinstance(figure, Histogram):
+    elif not isinstance(figure, Histogram | Metric):
         yield (), figure
 
 

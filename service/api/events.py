@@ -9,21 +9,20 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
-from typing import Annotated, Any
+from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import Header, Query, Request
 from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.guard import Guarded, credential_of, needs
-from service.api.problems import responses
+from service.api.guard import Responses, Routes, credential_of
 from service.api.reading import shown_of
 from service.results.asset_table import AssetTable
 from service.results.sql_store import SqlStore
 from service.results.store import Event
 
-router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
+router = Routes("assets", prefix="/v1/assets")
 
 # what happens to an asset; service/page/machine.js listens to all of them
 KINDS = ("window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "question", "inspection")
@@ -32,7 +31,7 @@ PING_S = 15
 RETRY_MS = 1000
 LARGEST_ID = 2**63 - 1
 
-STREAM: dict[int | str, dict[str, Any]] = {
+STREAM: Responses = {
     200: {
         "description": f"{', '.join(f'`{kind}`' for kind in KINDS[:-1])} and `{KINDS[-1]}`, each with an id",
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
@@ -40,12 +39,7 @@ STREAM: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get(
-    "/{asset}/events",
-    response_class=EventSourceResponse,
-    responses={**STREAM, **responses(404, 422)},
-)
-@needs(Role.read)
+@router.entry("GET /{asset}/events", Role.read, None, 404, 422, responses=STREAM, response_class=EventSourceResponse)
 async def events(
     request: Request,
     asset: str,

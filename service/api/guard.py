@@ -1,9 +1,8 @@
 """Every route declares the role that it needs, and nothing of it runs before that is checked.
 
-    router = APIRouter(prefix="/v1", route_class=Guarded)
+    router = Routes("things", prefix="/v1")
 
-    @router.post("/something")
-    @needs(Role.operate)
+    @router.entry("POST /something", Role.operate, Answer, 404, 422)
     async def something(request: Request) -> Any: ...
 
 A route that declares none cannot be made. Writes are accepted from the page's own origin only, whoever sends them.
@@ -16,7 +15,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from fastapi import FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.routing import APIRoute, iter_route_contexts
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
@@ -27,9 +26,11 @@ from service.access.keys import PREFIX
 from service.access.roles import Role, Who
 from service.api.limits import BODY
 from service.api.problems import problem
+from service.api.problems import responses as problems
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+Responses = dict[int | str, dict[str, Any]]
 
 COOKIE = "gear-twin-key"
 HEADER = "x-api-key"
@@ -47,22 +48,6 @@ REFUSALS = {  # that each operation may be answered with, whoever asks
 _AT_ONCE = 4  # threads that wait for an issuer's keys: other requests have the others
 
 
-def needs(role: Role) -> Callable[[Endpoint], Endpoint]:
-    """Declares the role that a route needs."""
-
-    def declared(endpoint: Endpoint) -> Endpoint:
-        endpoint.needs = role  # type: ignore[attr-defined]
-        return endpoint
-
-    return declared
-
-
-def public(endpoint: Endpoint) -> Endpoint:
-    """Declares that a route is for everybody; it can ask `who_asks` what more to say."""
-    endpoint.needs = PUBLIC  # type: ignore[attr-defined]
-    return endpoint
-
-
 class Guarded(APIRoute):
     """A route that is entered with the role it declares alone; checked before the request's body is read.
 
@@ -72,7 +57,7 @@ class Guarded(APIRoute):
     def __init__(self, path: str, endpoint: Callable[..., Any], **given: Any) -> None:
         self.needs: Role | str | None = getattr(endpoint, "needs", None)
         if self.needs is None:
-            raise TypeError(f"{path}: {endpoint.__name__} declares no role; add @needs(Role.…) or @public")
+            raise TypeError(f"{path}: {endpoint.__name__} declares no role; make it by Routes.entry")
         super().__init__(path, endpoint, **{**given, "max_body_size": given.get("max_body_size") or BODY})
 
     def get_route_handler(self) -> Handler:
@@ -88,6 +73,42 @@ class Guarded(APIRoute):
             return await handler(request)
 
         return guarded
+
+
+class Routes(APIRouter):
+    """Routes about one subject, each declared in one line."""
+
+    def __init__(self, *tags: str, **given: Any) -> None:
+        super().__init__(tags=list(tags), route_class=Guarded, **given)
+
+    def entry(
+        self,
+        where: str,
+        role: Role | str,
+        model: Any = None,
+        *refusals: int,
+        queued: bool = False,
+        responses: Responses | None = None,
+        **given: Any,
+    ) -> Callable[[Endpoint], Endpoint]:
+        """Declares a route.
+
+        where      method and path
+        role       that it needs; PUBLIC: it is for everybody, and can ask `who_asks` what more to say
+        model      of its answer; None where the answer is not JSON
+        refusals   statuses of the problems that it may answer
+        queued     whether it may answer with 202 and the same model
+        responses  what else is described of its answers
+        """
+        method, _, path = where.partition(" ")
+        described = ({202: {"model": model}} if queued else {}) | (responses or {}) | problems(*refusals)
+
+        def declared(endpoint: Endpoint) -> Endpoint:
+            endpoint.needs = role  # type: ignore[attr-defined]
+            self.add_api_route(path, endpoint, methods=[method], response_model=model, responses=described, **given)
+            return endpoint
+
+        return declared
 
 
 async def who_asks(request: Request) -> Who:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
@@ -15,8 +15,8 @@ from starlette.concurrency import run_in_threadpool
 from service.access.roles import Role
 from service.api.asset_life import begin_asset
 from service.api.audit import audited
-from service.api.guard import Guarded, needs
-from service.api.problems import problem, responses
+from service.api.guard import Routes
+from service.api.problems import problem
 from service.contract.base import AnswerModel, iso_time
 from service.contract.position import PositionModel, not_connected
 from service.contract.rest import AssetSummary
@@ -24,7 +24,7 @@ from service.results.offers import Offers
 from service.results.unknown_assets import Unknown
 from service.steady_clock import later_time_ns
 
-router = APIRouter(prefix="/v1", tags=["unknown assets"], route_class=Guarded)
+router = Routes("unknown assets", prefix="/v1")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +84,7 @@ class Dismissed(AnswerModel):
     asset: str
 
 
-@router.get("/unknown-assets", response_model=Unknowns)
-@needs(Role.read)
+@router.entry("GET /unknown-assets", Role.read, Unknowns)
 async def unknown_assets(request: Request) -> Any:
     """The assets that are not known, and wait to be adopted."""
     offers = offers_of(request)
@@ -99,13 +98,7 @@ async def unknown_assets(request: Request) -> Any:
     return await run_in_threadpool(answer)
 
 
-@router.post(
-    "/unknown-assets/{asset}/adopt",
-    status_code=201,
-    response_model=AssetSummary,
-    responses=responses(400, 404, 409, 422),
-)
-@needs(Role.administer)
+@router.entry("POST /unknown-assets/{asset}/adopt", Role.administer, AssetSummary, 400, 404, 409, 422, status_code=201)
 def adopt(request: Request, asset: str, given: Adoption) -> Any:
     """Makes an unknown asset one of this service's: its frames are used from now on."""
     found = offers_of(request).find(asset)
@@ -119,8 +112,7 @@ def adopt(request: Request, asset: str, given: Adoption) -> Any:
     return begin_asset(request, "adopted", asset, offered if given.rig else None, given.by, given.note)
 
 
-@router.post("/unknown-assets/{asset}/dismiss", response_model=Dismissed, responses=responses(400, 404, 422))
-@needs(Role.administer)
+@router.entry("POST /unknown-assets/{asset}/dismiss", Role.administer, Dismissed, 400, 404, 422)
 def dismiss(request: Request, asset: str, given: Reason) -> Any:
     """Takes an unknown asset off the list; it is not listed again for the time that the list keeps an entry."""
     offers = offers_of(request)
@@ -132,8 +124,7 @@ def dismiss(request: Request, asset: str, given: Reason) -> Any:
     return JSONResponse({"asset": asset})
 
 
-@router.get("/assets/{asset}/position", response_model=PositionModel, responses=responses(404, 422))
-@needs(Role.read)
+@router.entry("GET /assets/{asset}/position", Role.read, PositionModel, 404, 422)
 def position(request: Request, asset: str) -> Any:
     """How far a stream is stored, and whether and why its frames are left out; the same JSON as on Zenoh."""
     incoming: Incoming = request.app.state.incoming

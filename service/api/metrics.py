@@ -5,28 +5,25 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
-from service.api.guard import Guarded, may_read, needs, public
-from service.api.problems import problem, responses
+from service.api.guard import PUBLIC, Responses, Routes, may_read
+from service.api.problems import problem
 from service.contract import rest as models
 from service.contract.base import iso_time
 
 READ_WAIT = 3.0  # for the database, which a service that is ready reads in milliseconds [s]
 
-router = APIRouter(tags=["operation"], route_class=Guarded)
+router = Routes("operation")
 
-TEXT: dict[int | str, dict[str, Any]] = {
-    200: {"description": "Prometheus text", "content": {"text/plain": {"schema": {"type": "string"}}}}
-}
+TEXT: Responses = {200: {"description": "Prometheus text", "content": {"text/plain": {"schema": {"type": "string"}}}}}
 
 
-@router.get("/healthz", response_model=models.Health, responses=responses(503))
-@public
+@router.entry("GET /healthz", PUBLIC, models.Health, 503)
 async def healthz(request: Request) -> Any:
     """All loops of the process are alive; a restart is due where this is answered by 503, or not at all."""
     late = request.app.state.health.late()
@@ -36,8 +33,7 @@ async def healthz(request: Request) -> Any:
     return problem(request, 503, "; ".join(map(str, late)), loops=loops)
 
 
-@router.get("/readyz", response_model=models.Readiness, responses=responses(503))
-@public
+@router.entry("GET /readyz", PUBLIC, models.Readiness, 503)
 async def readyz(request: Request) -> Any:
     """The service accepts and stores frames: connected, subscribed, storage and worker processes usable.
 
@@ -59,8 +55,7 @@ async def readyz(request: Request) -> Any:
     return JSONResponse({"status": "ready", "stale": stale, **fleet})
 
 
-@router.get("/metrics", response_class=Response, responses=TEXT)
-@needs(Role.read)
+@router.entry("GET /metrics", Role.read, responses=TEXT, response_class=Response)
 def metrics(request: Request) -> Response:
     """All metrics as Prometheus text. Reads the store, so it runs in a thread of its own."""
     return Response(generate_latest(request.app.state.registry), media_type=CONTENT_TYPE_LATEST)

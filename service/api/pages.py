@@ -12,16 +12,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter, FastAPI, Request
+from fastapi import FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
-from service.api.guard import Guarded, public
+from service.api.guard import PUBLIC, Routes
 from service.api.headers import policy_with_scripts
 
-router = APIRouter(include_in_schema=False, route_class=Guarded)
+router = Routes(include_in_schema=False)
 
 PAGE = Path(__file__).parent.parent / "page"
 BORROWED = {
@@ -39,14 +39,12 @@ def borrowed(name: str) -> Path:
     return Path(spec.origin).parent / path
 
 
-@router.get("/")
-@public
+@router.entry("GET /", PUBLIC)
 async def dashboard() -> FileResponse:
     return FileResponse(PAGE / "index.html", media_type="text/html", headers={"Cache-Control": "no-cache"})
 
 
-@router.get("/docs")
-@public
+@router.entry("GET /docs", PUBLIC)
 async def docs(request: Request) -> HTMLResponse:
     page = get_swagger_ui_html(
         openapi_url=request.app.openapi_url.lstrip("/"),
@@ -59,8 +57,7 @@ async def docs(request: Request) -> HTMLResponse:
     return page
 
 
-@router.get("/assets/{name}")
-@public
+@router.entry("GET /assets/{name}", PUBLIC)
 async def asset_of_package(name: str) -> FileResponse:
     if name not in BORROWED:
         raise HTTPException(404)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import Response
 
 from service.access.roles import Role
-from service.api.guard import Guarded, needs
+from service.api.guard import Responses, Routes
 from service.api.headers import DOCUMENT
-from service.api.problems import responses
 from service.api.reading import snapshot_of
 
-router = APIRouter(prefix="/v1/assets", tags=["assets"], route_class=Guarded)
+router = Routes("assets", prefix="/v1/assets")
 
 POINTS = 200  # of the trends, about
-FILES: dict[int | str, dict[str, Any]] = {
+FILES: Responses = {
     200: {
         "description": "The report",
         "content": {"text/html": {"schema": {"type": "string"}}, "application/pdf": {"schema": {"type": "string"}}},
@@ -24,15 +23,15 @@ FILES: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.get("/{asset}/report", response_class=Response, responses=FILES | responses(404, 422))
-@needs(Role.read)
+@router.entry("GET /{asset}/report", Role.read, None, 404, 422, responses=FILES, response_class=Response)
 def report(
     request: Request,
     asset: str,
     format: Annotated[Literal["html", "pdf"], Query(description="one HTML page, or a PDF of two pages")] = "html",
 ) -> Response:
     """Conclusion and action, trends with the limit, what else was found and how sure; the method in an appendix."""
-    from service.report import FORMATS, rendered, report_of
+    from service.report import FORMATS, rendered
+    from service.report.content import report_of
 
     snapshot = snapshot_of(request, asset)
     history = request.app.state.store.outline(snapshot.asset, POINTS)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Literal
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.roles import Role
 from service.api.asset_life import answer_change, signed
-from service.api.assets import ERRORS
-from service.api.audit import audited
-from service.api.guard import Guarded, needs
+from service.api.audit import submitted
+from service.api.guard import Routes
 from service.api.incoming import Reason, offers_of
-from service.api.problems import problem, responses
+from service.api.problems import problem
 from service.api.reading import shown_of
 from service.contract.asset_life import AssetChange
 from service.contract.base import AnswerModel, iso_time
@@ -25,7 +23,7 @@ from service.files.rig_difference import differences
 from service.results.jobs import RIG_ACCEPTED, RIG_REJECTED
 from service.results.offers import Proposal
 
-router = APIRouter(prefix="/v1", tags=["rig files"], route_class=Guarded)
+router = Routes("rig files", prefix="/v1")
 
 
 class RigDifference(AnswerModel):
@@ -53,26 +51,29 @@ class RigDecision(Reason):
     digest: str = Field(max_length=64, description="of the proposal that was seen")
 
 
-@router.get("/rig-proposals", response_model=list[RigProposal])
-@needs(Role.read)
+@router.entry("GET /rig-proposals", Role.read, list[RigProposal])
 async def rig_proposals(request: Request) -> Any:
     """The rig files that came on the stream and wait for a person, of all assets."""
     offers = offers_of(request)
     return await run_in_threadpool(lambda: JSONResponse([_shown(request, each) for each in offers.proposals()]))
 
 
-@router.post(
-    "/assets/{asset}/rig-proposal",
+@router.entry(
+    "POST /assets/{asset}/rig-proposal",
+    Role.administer,
+    AssetChange,
+    404,
+    422,
+    400,
+    409,
+    500,
+    queued=True,
     status_code=201,
-    response_model=AssetChange,
-    responses={202: {"model": AssetChange}} | ERRORS | responses(400, 409, 500),
 )
-@needs(Role.administer)
 async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any:
     """Accepts the proposed rig file, or rejects it; one of other gears opens the question whose they are."""
     own = (await shown_of(request, asset)).asset
-    offers, queue = offers_of(request), request.app.state.queue
-    proposal = await run_in_threadpool(offers.proposal, own)
+    proposal = await run_in_threadpool(offers_of(request).proposal, own)
     if proposal is None or proposal.digest != given.digest:
         now = "no rig file is proposed" if proposal is None else f"another one is proposed now: {proposal.digest}"
         return problem(request, 409, f"{asset}: the rig file {given.digest} is not proposed; {now}")
@@ -80,16 +81,9 @@ async def decide_on_rig(request: Request, asset: str, given: RigDecision) -> Any
     about: dict[str, Any] = {"digest": proposal.digest, **signed(request, given.by, given.note)}
     if kind == RIG_ACCEPTED:
         about["rig"] = dict(proposal.rig)
-    digest, found = proposal.digest, proposal
-
-    def kept() -> int:
-        what = {"digest": digest, "differences": len(_differences(request, found))}
-        submit = partial(queue.submit, own, kind, about)
-        number = audited(request, kind, asset, submit, note=given.note, what=what, queued=True)
-        queue.asked.set()  # the transaction is committed now
-        return number
-
-    return await answer_change(request, asset, await run_in_threadpool(kept))
+    differing = len(await run_in_threadpool(_differences, request, proposal))
+    what = {"digest": proposal.digest, "differences": differing}
+    return answer_change(asset, await submitted(request, asset, own, kind, about, note=given.note, what=what))
 
 
 def _differences(request: Request, proposal: Proposal) -> list[dict[str, str | None]]:

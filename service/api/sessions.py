@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.access.access import Access, Refused
 from service.access.roles import Role, Who
-from service.api.guard import COOKIE, Guarded, address_of, public, who_asks
-from service.api.problems import responses
+from service.api.guard import COOKIE, PUBLIC, Routes, address_of, who_asks
 from service.contract.base import AnswerModel
 
-router = APIRouter(prefix="/v1", tags=["access"], route_class=Guarded)
+router = Routes("access", prefix="/v1")
 
 SIGNED_IN = 12 * 3600  # how long the page's cookie is kept [s]
 LONGEST = 8192  # characters of a key or token
@@ -38,22 +37,18 @@ class Session(AnswerModel):
     credentials: bool = Field(description="false where the service has none: then its own computer may do everything")
 
 
-@router.get("/session", response_model=Session, responses=responses(429))
-@public
+@router.entry("GET /session", PUBLIC, Session, 429)
 async def session(request: Request) -> Any:
     """Who asks, and what he may do."""
     access: Access = request.app.state.access
     try:
         who = await who_asks(request)
     except Refused:
-        answer = _answer(access.who(None, address_of(request)), access)
-        answer.delete_cookie(COOKIE, httponly=True, samesite="strict", path="/")
-        return answer
+        return await sign_out(request)
     return _answer(who, access)
 
 
-@router.post("/session", response_model=Session, responses=responses(400, 401, 422, 429))
-@public
+@router.entry("POST /session", PUBLIC, Session, 400, 401, 422, 429)
 async def sign_in(request: Request, given: SignIn) -> Any:
     """Keeps a key or token in a cookie that scripts cannot read; it is sent to this service's own page alone."""
     access: Access = request.app.state.access
@@ -71,8 +66,7 @@ async def sign_in(request: Request, given: SignIn) -> Any:
     return answer
 
 
-@router.delete("/session", response_model=Session)
-@public
+@router.entry("DELETE /session", PUBLIC, Session)
 async def sign_out(request: Request) -> Any:
     """Removes the cookie."""
     access: Access = request.app.state.access

@@ -7,14 +7,14 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import Path, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field
 
 from service.access.roles import Role
 from service.api.assets import HistoryQuery, history
-from service.api.guard import Guarded, needs
-from service.api.problems import problem, responses
+from service.api.guard import Responses, Routes
+from service.api.problems import problem
 from service.api.reading import asset_of
 from service.contract import signals as models
 from service.contract.base import iso_time
@@ -29,18 +29,17 @@ if TYPE_CHECKING:  # they load half of the twin
     from service.signals.library import Library
     from service.signals.waterfall import Waterfall
 
-router = APIRouter(prefix="/v1/assets", tags=["signals"], route_class=Guarded)
+router = Routes("signals", prefix="/v1/assets")
 
 LARGEST = 2**53
 MAP_DIGITS = 4
 NOT_KEPT = "this service keeps no raw signals"
-ERRORS = responses(404, 409, 422)
 ViewName = Literal[
     "waveform", "spectrum", "order-spectrum", "envelope-spectrum", "synchronous-average", "transmission-error", "flank"
 ]
 Theme = Literal["light", "dark"]
 Format = Literal["json", "csv", "png"]
-FILES: dict[int | str, dict[str, Any]] = {
+FILES: Responses = {
     200: {"content": {"text/csv": {"schema": {"type": "string"}}, "image/png": {"schema": {"type": "string"}}}}
 }
 
@@ -97,8 +96,7 @@ class IndicatorQuery(HistoryQuery):
     theme: Theme = "light"
 
 
-@router.get("/{asset}/signals", response_model=models.Signals, responses=responses(404, 422))
-@needs(Role.read)
+@router.entry("GET /{asset}/signals", Role.read, models.Signals, 404, 422)
 def signals(request: Request, asset: str) -> Any:
     """Which windows' raw signals are kept, and what can be looked at of the newest."""
     own, library = asset_of(request, asset), _library(request)
@@ -129,8 +127,9 @@ def signals(request: Request, asset: str) -> Any:
 Index = Annotated[int, Path(ge=0, le=LARGEST)]
 
 
-@router.get("/{asset}/windows/{index}/signals/{view}", response_model=models.SignalView, responses=ERRORS | FILES)
-@needs(Role.read)
+@router.entry(
+    "GET /{asset}/windows/{index}/signals/{view}", Role.read, models.SignalView, 404, 409, 422, responses=FILES
+)
 def view(request: Request, asset: str, index: Index, view: ViewName, query: Annotated[ViewQuery, Query()]) -> Any:
     """One view of a window's signals, measured and, where there is a model, modelled."""
     own, library = asset_of(request, asset), _library(request)
@@ -161,8 +160,7 @@ def view(request: Request, asset: str, index: Index, view: ViewName, query: Anno
     return JSONResponse({"asset": asset, "window": index, "start_time": started, **content})
 
 
-@router.get("/{asset}/waterfall", response_model=models.Waterfall, responses=ERRORS | FILES)
-@needs(Role.read)
+@router.entry("GET /{asset}/waterfall", Role.read, models.Waterfall, 404, 409, 422, responses=FILES)
 def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Query()]) -> Any:
     """Spectra of all windows that are kept over one another."""
     own, library = asset_of(request, asset), _library(request)
@@ -191,8 +189,7 @@ def waterfall(request: Request, asset: str, query: Annotated[WaterfallQuery, Que
     return JSONResponse({"asset": asset, **_waterfall(found)})
 
 
-@router.get("/{asset}/indicators", response_model=models.Indicators, responses=ERRORS | FILES)
-@needs(Role.read)
+@router.entry("GET /{asset}/indicators", Role.read, models.Indicators, 404, 409, 422, responses=FILES)
 def indicators(request: Request, asset: str, query: Annotated[IndicatorQuery, Query()]) -> Any:
     """Condition indicators, levels, speed, torque and temperatures of the windows, oldest first."""
     found = trends_of(history(request, asset, query))

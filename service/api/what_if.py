@@ -5,26 +5,25 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 
 from service.access.roles import Role
-from service.api.guard import Guarded, needs
-from service.api.problems import problem, responses
+from service.api.guard import Routes
+from service.api.problems import problem
 from service.api.reading import snapshot_of
 from service.contract.what_if import WhatIf, WhatIfIn
 from service.errors import InputError
 from service.files.rig import checked_rig
 from twin.errors import NotAvailable, ParameterError, TwinError
 
-router = APIRouter(prefix="/v1/assets", tags=["what-if"], route_class=Guarded)
+router = Routes("what-if", prefix="/v1/assets")
 
 ONE_AT_A_TIME = threading.Lock()  # a wear curve under a new condition takes seconds of one core
 PLACES = threading.BoundedSemaphore(4)  # answers that are computed or waited for: each holds a thread of REST
 
 
-@router.post("/{asset}/what-if", response_model=WhatIf, responses=responses(400, 404, 409, 422, 503))
-@needs(Role.read)
+@router.entry("POST /{asset}/what-if", Role.read, WhatIf, 400, 404, 409, 422, 503)
 def what_if(request: Request, asset: str, asked: WhatIfIn) -> Any:
     """The remaining life under another duty, and the probability of reaching a time; changes nothing."""
     from service.contract.what_if_answer import answer  # loads the twin, which a start does without

@@ -17,11 +17,12 @@ Kind = Literal["number", "count", "yes", "text", "lines"]
 Quality = Literal["good", "preliminary", "degraded", "last", "none", "waiting"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Variable:
     """One variable of every asset."""
 
     kind: Kind
+    of: str  # where the result has its value; empty: it is made of several
     meaning: str
     unit: str = ""  # by UNECE Recommendation 20, a key of UNITS
     end: str = ""  # variable whose value ends the range; the range begins at 0
@@ -44,80 +45,69 @@ UNITS = {
     "MSK": ("m/s²", "metre per second squared"),
     "M44": ("rev", "revolution"),
 }
+FIGURES = ("window", "wear", "life")  # parts of the result whose values have the time and the quality of the window
+STATED = "depth_limit_um"  # the one among them that the rig file states
+LEVELS = ", ".join(f"{n} {level}" for n, level in enumerate(SEVERITY))
 VARIABLES = {
-    "level": Variable(kind="text", meaning="status of the machine"),
-    "severity": Variable(
-        kind="count", meaning="the status as a number: " + ", ".join(f"{n} {level}" for n, level in enumerate(SEVERITY))
+    "level": Variable("text", "level", "status of the machine"),
+    "severity": Variable("count", "", f"the status as a number: {LEVELS}"),
+    "reasons": Variable("lines", "reasons", "why, most important first"),
+    "action": Variable("text", "action", "what to do"),
+    "data": Variable("text", "data", "quality of the data"),
+    "data_reason": Variable("text", "data_reason", "why the data have this quality"),
+    "depth_um": Variable("number", "wear.depth_um.median", "largest wear depth, median", "4H", end=STATED),
+    "depth_p05_um": Variable("number", "wear.depth_um.p05", "its 5 % bound", "4H", end=STATED),
+    "depth_p95_um": Variable("number", "wear.depth_um.p95", "its 95 % bound", "4H", end=STATED),
+    "depth_limit_um": Variable("number", "wear.limit_um", "wear depth at the end of life", "4H"),
+    "depth_note": Variable("lines", "", "why the depth is not available, or not established"),
+    "life_hours": Variable("number", "life.hours.median", "remaining life, median", "HUR"),
+    "life_p05_hours": Variable("number", "life.hours.p05", "its 5 % bound", "HUR"),
+    "life_p95_hours": Variable("number", "life.hours.p95", "its 95 % bound", "HUR"),
+    "life_revolutions": Variable(
+        "number", "life.revolutions.median", "remaining life in turns of the pinion, median", "M44"
     ),
-    "reasons": Variable(kind="lines", meaning="why, most important first"),
-    "action": Variable(kind="text", meaning="what to do"),
-    "data": Variable(kind="text", meaning="quality of the data"),
-    "data_reason": Variable(kind="text", meaning="why the data have this quality"),
-    "depth_um": Variable(kind="number", unit="4H", end="depth_limit_um", meaning="largest wear depth, median"),
-    "depth_p05_um": Variable(kind="number", unit="4H", end="depth_limit_um", meaning="its 5 % bound"),
-    "depth_p95_um": Variable(kind="number", unit="4H", end="depth_limit_um", meaning="its 95 % bound"),
-    "depth_limit_um": Variable(kind="number", unit="4H", meaning="wear depth at the end of life"),
-    "depth_note": Variable(kind="lines", meaning="why the depth is not available, or not established"),
-    "life_hours": Variable(kind="number", unit="HUR", meaning="remaining life, median"),
-    "life_p05_hours": Variable(kind="number", unit="HUR", meaning="its 5 % bound"),
-    "life_p95_hours": Variable(kind="number", unit="HUR", meaning="its 95 % bound"),
-    "life_revolutions": Variable(kind="number", unit="M44", meaning="remaining life in turns of the pinion, median"),
-    "life_note": Variable(kind="lines", meaning="why the life is not available, or not established"),
-    "revolutions": Variable(kind="number", unit="M44", meaning="of the pinion since new"),
-    "speed_hz": Variable(kind="number", unit="HTZ", meaning="pinion speed"),
-    "torque_nm": Variable(kind="number", unit="NU", meaning="input torque"),
-    "rms_measured_m_s2": Variable(kind="number", unit="MSK", meaning="vibration level, measured"),
-    "rms_predicted_m_s2": Variable(kind="number", unit="MSK", meaning="vibration level, by the twin"),
-    "window": Variable(kind="count", meaning="index of the newest measurement window"),
-    "window_start": Variable(kind="text", meaning="its start"),
-    "alarms_active": Variable(kind="count", meaning="open alarms that are active"),
-    "alarms_unacknowledged": Variable(kind="count", meaning="open alarms that nobody has acknowledged"),
-    "alarms": Variable(kind="lines", meaning="open alarms, most urgent first"),
-    "retired": Variable(kind="yes", meaning="whether the asset is out of use"),
-}  # fmt: skip
+    "life_note": Variable("lines", "", "why the life is not available, or not established"),
+    "revolutions": Variable("number", "window.revolutions", "of the pinion since new", "M44"),
+    "speed_hz": Variable("number", "window.speed_hz", "pinion speed", "HTZ"),
+    "torque_nm": Variable("number", "window.torque_nm", "input torque", "NU"),
+    "rms_measured_m_s2": Variable("number", "window.rms_measured_m_s2", "vibration level, measured", "MSK"),
+    "rms_predicted_m_s2": Variable("number", "window.rms_predicted_m_s2", "vibration level, by the twin", "MSK"),
+    "window": Variable("count", "window.index", "index of the newest measurement window"),
+    "window_start": Variable("text", "window.start_time", "its start"),
+    "alarms_active": Variable("count", "alarms.active", "open alarms that are active"),
+    "alarms_unacknowledged": Variable("count", "alarms.unacknowledged", "open alarms that nobody has acknowledged"),
+    "alarms": Variable("lines", "", "open alarms, most urgent first"),
+    "retired": Variable("yes", "retired", "whether the asset is out of use"),
+}
 
 
 def readings_of(result: Mapping[str, Any], alarms: Sequence[Mapping[str, Any]], now: datetime) -> dict[str, Reading]:
     """All variables of an asset, from its result in short (`service.contract.plant`) and its open alarms."""
-    window, wear, life = result["window"] or {}, result["wear"], result["life"]
-    at = _time(window.get("start_time"), now)
-    depth, hours, revolutions = wear.get("depth_um") or {}, life.get("hours") or {}, life.get("revolutions") or {}
-    of_window = {name: window.get(name) for name in ("revolutions", "speed_hz", "torque_nm")}
-    of_window |= {name: window.get(name) for name in ("rms_measured_m_s2", "rms_predicted_m_s2")}
-    of_window |= {"window": window.get("index"), "window_start": window.get("start_time")}
-    of_wear = {"depth_um": depth.get("median"), "depth_p05_um": depth.get("p05"), "depth_p95_um": depth.get("p95")}
-    of_life = {
-        "life_hours": hours.get("median"),
-        "life_p05_hours": hours.get("p05"),
-        "life_p95_hours": hours.get("p95"),
-    }
-    of_life["life_revolutions"] = revolutions.get("median")
-    figures: dict[str, Reading] = {}
-    for group, preliminary in (
-        (of_window, False),
-        (of_wear, bool(wear.get("preliminary"))),
-        (of_life, bool(life.get("preliminary"))),
-    ):
-        for name, value in group.items():
-            figures[name] = Reading(value=value, quality=_quality(value, result, preliminary), time=at)
-    limit = wear.get("limit_um")
-    figures["depth_limit_um"] = Reading(value=limit, quality="none" if limit is None else "good", time=now)
-    said = {
-        "level": result["level"],
+    at = _time((result["window"] or {}).get("start_time"), now)
+    made = {
         "severity": SEVERITY.index(result["level"]),
-        "reasons": list(result["reasons"]),
-        "action": result["action"],
-        "data": result["data"],
-        "data_reason": result["data_reason"],
-        "depth_note": _note(wear),
-        "life_note": _note(life),
-        "alarms_active": result["alarms"]["active"],
-        "alarms_unacknowledged": result["alarms"]["unacknowledged"],
+        "depth_note": _note(result["wear"]),
+        "life_note": _note(result["life"]),
         "alarms": [f"{alarm['level']}: {alarm['reason']}" for alarm in alarms],
-        "retired": result["retired"],
     }
-    figures |= {name: Reading(value=value, quality="good", time=now) for name, value in said.items()}
-    return {name: figures[name] for name in VARIABLES}
+    readings = {}
+    for name, variable in VARIABLES.items():
+        value = made[name] if name in made else _found(result, variable.of)
+        part = variable.of.partition(".")[0]
+        if part in FIGURES and name != STATED:
+            preliminary = bool((result[part] or {}).get("preliminary"))
+            readings[name] = Reading(value=value, quality=_quality(value, result, preliminary), time=at)
+        else:
+            readings[name] = Reading(value=value, quality="none" if value is None else "good", time=now)
+    return readings
+
+
+def _found(result: Mapping[str, Any], path: str) -> Any:
+    """What the result has at a path; None where a part of it is not there."""
+    found: Any = result
+    for key in path.split("."):
+        found = (found or {}).get(key)
+    return found
 
 
 def _quality(value: Any, result: Mapping[str, Any], preliminary: bool) -> Quality:

@@ -26,7 +26,7 @@ import json
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isfinite
@@ -38,9 +38,9 @@ import numpy as np
 from service.bridges.kept import KeptNumbers
 from service.contract.base import iso_time
 from service.errors import FrameError, InputError
-from service.files.documents import check_asset, check_keys, check_schema, load_document, number_of
+from service.files.documents import Part, load_document
 from service.steady_clock import later_time_ns
-from service.stream.channels import AS_IT_IS, CHANNEL_KINDS, ChannelKind, Conversion
+from service.stream.channels import AS_IT_IS, CHANNEL_KINDS, Conversion
 from service.stream.frames import LATEST_START, NS, SampleFrame
 from service.stream.wire.codec import encode
 from service.stream.wire.topics import NAME, Channel, topic_of
@@ -48,14 +48,11 @@ from service.stream.wire.topics import NAME, Channel, topic_of
 log = logging.getLogger(__name__)
 
 SCHEMA = "gear-inputs/1"
-KEYS = {
-    "": ("schema", "inputs"),
-    "inputs.": ("topic", "asset", "channel", "value", "time", "time_format", "unit", "factor", "offset", "interval"),
-}
+KEYS = ("topic", "asset", "channel", "value", "time", "time_format", "unit", "factor", "offset", "interval")
 NS_OF = {"s": NS, "ms": 1_000_000, "us": 1_000, "ns": 1}
 MOST_WAITING = 1000  # messages; beyond, the oldest are left out
 MOST_BYTES = 65_536  # of one message
-SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.01, 86_400.0  # [s]
+INTERVALS = 0.01, 86_400.0  # [s]
 AHEAD_NS = 300 * NS  # of this machine's clock, by which a value's time may be wrong
 RATE = 1.0  # that a frame of one value states [Hz]
 CAUSES = ("malformed", "out_of_range", "too_soon", "not_newer", "ahead", "retained", "too_many", "not_allowed")
@@ -90,13 +87,11 @@ class Unusable(Exception):
 
 def load_inputs(path: Path) -> tuple[Input, ...]:
     """The inputs of a file; InputError names the first that cannot be used."""
-    data = load_document(path, "file of inputs")
-    check_schema(str(path), data, SCHEMA)
-    check_keys(str(path), KEYS, "", data)
-    rows = data.get("inputs")
+    document = Part(str(path), load_document(path, "file of inputs")).of_schema(SCHEMA).only("schema", "inputs")
+    rows = document.values.get("inputs")
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{path}: inputs must be one or more tables [[inputs]]")
-    inputs = tuple(_input(f"{path}: inputs[{number}]", row) for number, row in enumerate(rows))
+    inputs = tuple(_input(Part(f"{path}: inputs[{number}]", row)) for number, row in enumerate(rows))
     channels = [each.channel for each in inputs]
     double = next((c for c in channels if channels.count(c) > 1), None)
     if double is not None:
@@ -104,56 +99,34 @@ def load_inputs(path: Path) -> tuple[Input, ...]:
     return inputs
 
 
-def _input(where: str, row: Mapping[str, Any]) -> Input:
-    check_keys(where, KEYS, "inputs.", row, shown="")
-    for key in ("topic", "asset", "channel"):
-        if not isinstance(row.get(key), str) or not row[key]:
-            raise InputError(f"{where}: {key} = {row.get(key)!r} must be text")
-    topic, asset = row["topic"], check_asset(where, row)
+def _input(row: Part) -> Input:
+    topic, asset, label = row.only(*KEYS).text("topic"), row.asset(), row.text("channel")
     if "+" in topic or "#" in topic:
-        raise InputError(f"{where}: topic = {topic!r} must be one topic, without + and #")
-    channel, kind = _channel(where, asset, row["channel"])
-    form = row.get("time_format", "iso")
-    if form != "iso" and form not in NS_OF:
-        raise InputError(f"{where}: time_format = {form!r} must be one of iso, {', '.join(NS_OF)}")
-    interval = number_of(where, "interval", row.get("interval", 1.0), (SHORTEST_INTERVAL, LONGEST_INTERVAL), "s")
-    return Input(
-        topic=topic,
-        channel=channel,
-        value=_path(where, "value", row.get("value", "")),
-        time=_path(where, "time", row.get("time", "")),
-        time_format=form,
-        conversion=_conversion(where, kind, row.get("unit")),
-        factor=number_of(where, "factor", row.get("factor", 1.0), (-1e12, 1e12), ""),
-        offset=number_of(where, "offset", row.get("offset", 0.0), (-1e12, 1e12), ""),
-        interval_ns=round(interval * NS),
-    )
-
-
-def _channel(where: str, asset: str, label: str) -> tuple[Channel, ChannelKind]:
+        raise row.fault("topic", "must be one topic, without + and #")
     segment, _, name = label.partition("/")
     kind = CHANNEL_KINDS.get(segment)
     if kind is None or not kind.slow or not NAME.fullmatch(name):
         slow = ", ".join(f"{k.segment}/{{{k.named_by}}}" for k in CHANNEL_KINDS.values() if k.slow)
-        raise InputError(f"{where}: channel = {label!r} must be a slow channel: {slow}")
-    return Channel(asset, segment, name), kind
+        raise row.fault("channel", f"must be a slow channel: {slow}")
+    units = {name: c for name, c in kind.import_units.items() if not c.per_volt and not c.left_out}
+    return Input(
+        topic=topic,
+        channel=Channel(asset, segment, name),
+        value=_path(row, "value"),
+        time=_path(row, "time"),
+        time_format=row.one_of("time_format", ("iso", *NS_OF), "iso"),
+        conversion=units[row.one_of("unit", units)] if "unit" in row.values else AS_IT_IS,
+        factor=row.number("factor", (-1e12, 1e12), default=1.0),
+        offset=row.number("offset", (-1e12, 1e12), default=0.0),
+        interval_ns=round(row.number("interval", INTERVALS, "s", default=1.0) * NS),
+    )
 
 
-def _conversion(where: str, kind: ChannelKind, unit: Any) -> Conversion:
-    if unit is None:
-        return AS_IT_IS
-    known = {name: c for name, c in kind.import_units.items() if not c.per_volt and not c.left_out}
-    if unit not in known:
-        raise InputError(f"{where}: unit = {unit!r} must be one of {', '.join(known)}")
-    return known[unit]
-
-
-def _path(where: str, key: str, path: Any) -> tuple[str, ...]:
-    if not isinstance(path, str):
-        raise InputError(f"{where}: {key} = {path!r} must be a path such as sensors.oil.value")
+def _path(row: Part, key: str) -> tuple[str, ...]:
+    path = row.text(key, "must be a path such as sensors.oil.value", "", least=0)
     parts = tuple(path.split(".")) if path else ()
     if not all(parts):
-        raise InputError(f"{where}: {key} = {path!r} has an empty part; a path reads sensors.oil.value")
+        raise row.fault(key, "has an empty part; a path reads sensors.oil.value")
     return parts
 
 

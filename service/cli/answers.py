@@ -27,6 +27,7 @@ from service.cli.config import configured
 from service.cli.rest import Service, with_service
 from service.cli.show import progress_bar
 from service.errors import InputError
+from service.file_faults import json_of_file
 from service.json_text import write_text
 
 NEEDED = ("asset", "windows", "wear", "rul", "effects", "data_quality", "tracing", "unexplained")  # of an answer
@@ -154,14 +155,7 @@ def diagnose(
 
 def load_answer(path: Path) -> dict[str, Any]:
     """The answer that `assess --json` wrote."""
-    import json
-
-    try:
-        answer = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not an answer of gear-twin assess --json: {error}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
+    answer = json_of_file(path, "an answer of gear-twin assess --json")
     missing = [key for key in NEEDED if key not in answer] if isinstance(answer, dict) else list(NEEDED)
     if missing:
         raise InputError(f"{path}: not an answer of gear-twin assess --json: {', '.join(missing)} missing")
@@ -245,7 +239,8 @@ def what_if(
     }
     asked = {key: value for key, value in body.items() if value is not None}
     if source.startswith(("http://", "https://")):
-        found = _of_service(service.at(source), asset, asked)
+        there = service.at(source)
+        found = there.ask("assets", asset or there.only_asset(), "what-if", body=asked)
     else:
         found = _of_recording(Path(source), rig, asset, prefix, asked, trace=not no_trace)
     return Shown(found, lambda: what_if_text(found))
@@ -292,16 +287,6 @@ def _of_recording(
         return answer(found["asset"], assessed_rig, state, given)
     except (NotAvailable, ParameterError) as reason:
         raise InputError(str(reason)) from None
-
-
-def _of_service(service: Service, asset: str | None, asked: dict[str, Any]) -> dict[str, Any]:
-    """The answer of a running service."""
-    if asset is None:
-        known = [one["asset"] for one in service.ask("assets")]
-        if len(known) != 1:
-            raise InputError(f"{service.url} knows {', '.join(known) or 'no asset'}: choose one with --asset")
-        (asset,) = known
-    return service.ask("assets", asset, "what-if", body=asked)
 
 
 def what_if_text(found: dict[str, Any]) -> str:

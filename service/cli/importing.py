@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +19,7 @@ from service.cli.show import progress_bar
 from service.errors import InputError
 from service.json_text import write_text, wrote_json
 
-GUESSING = "With --guess"
+_guessing = partial(Option, rich_help_panel="With --guess")
 Started = Annotated[
     str | None,
     Option(help="When the file begins, such as 2026-03-12T08:14:00+01:00; default: as mapping or file states."),
@@ -50,38 +51,19 @@ def import_(
     zone: Zone = None,
     prefix: Prefix = None,
     json: JsonFile = None,
-    guess: Annotated[
-        bool, Option("--guess", help="Propose a mapping for a data file and write it.", rich_help_panel=GUESSING)
-    ] = False,
-    yes: Annotated[
-        bool, Option("--yes", help="Import at once, into NAME.mcap without --out.", rich_help_panel=GUESSING)
-    ] = False,
-    teeth: Annotated[
-        str | None, Option(help="Tooth counts of pinion and gear, such as 23/57.", rich_help_panel=GUESSING)
-    ] = None,
-    speed: Annotated[str | None, Option(help="Pinion speed, in Hz or as 1752rpm.", rich_help_panel=GUESSING)] = None,
-    rig: Annotated[
-        Path | None, Option(help="Rig file, in place of --teeth and --speed.", rich_help_panel=GUESSING)
-    ] = None,
+    guess: Annotated[bool, _guessing("--guess", help="Propose a mapping for a data file and write it.")] = False,
+    yes: Annotated[bool, _guessing("--yes", help="Import at once, into NAME.mcap without --out.")] = False,
+    teeth: Annotated[str | None, _guessing(help="Tooth counts of pinion and gear, such as 23/57.")] = None,
+    speed: Annotated[str | None, _guessing(help="Pinion speed, in Hz or as 1752rpm.")] = None,
+    rig: Annotated[Path | None, _guessing(help="Rig file, in place of --teeth and --speed.")] = None,
     rate: Annotated[
-        float | None,
-        Option(help="Sample rate in Hz, of a file without a time column.", min=0.0, rich_help_panel=GUESSING),
+        float | None, _guessing(help="Sample rate in Hz, of a file without a time column.", min=0.0)
     ] = None,
-    tachometer: Annotated[
-        str | None, Option(help="Shaft of the tachometer: pinion or gear.", rich_help_panel=GUESSING)
-    ] = None,
-    pulses_per_rev: Annotated[
-        int, Option(help="Pulses per turn, or counts of a counter.", min=1, rich_help_panel=GUESSING)
-    ] = 1,
-    asset: Annotated[
-        str | None, Option(help="Name of the machine; default: the file's name.", rich_help_panel=GUESSING)
-    ] = None,
-    write: Annotated[
-        Path | None, Option(help="Mapping file to write; default: NAME.toml.", rich_help_panel=GUESSING)
-    ] = None,
-    force: Annotated[
-        bool, Option("--force", help="Replace a mapping file that is there.", rich_help_panel=GUESSING)
-    ] = False,
+    tachometer: Annotated[str | None, _guessing(help="Shaft of the tachometer: pinion or gear.")] = None,
+    pulses_per_rev: Annotated[int, _guessing(help="Pulses per turn, or counts of a counter.", min=1)] = 1,
+    asset: Annotated[str | None, _guessing(help="Name of the machine; default: the file's name.")] = None,
+    write: Annotated[Path | None, _guessing(help="Mapping file to write; default: NAME.toml.")] = None,
+    force: Annotated[bool, _guessing("--force", help="Replace a mapping file that is there.")] = False,
 ) -> None:
     """Convert a data file (CSV, MAT, WAV, TDMS, HDF5, …) into a recording."""
     said: dict[str, Any] = {}
@@ -105,7 +87,7 @@ def import_(
 
 def _asked_age(yes: bool) -> str | None:
     """The age of the gears as a person at a terminal types it; None where nobody is asked."""
-    from service.files.gear_age import age_of
+    from service.files.rig import age_of
 
     if yes or not sys.stdin.isatty():
         return None

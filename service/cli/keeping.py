@@ -151,13 +151,13 @@ def check(data: Data = None, config: ConfigFile = None) -> Shown:
     from service.results.data_folder import database_of
     from service.results.examination import examine
     from service.results.raw_recordings import kept_in
+    from service.results.retention import Retention
     from service.results.store_size import forecast_of
-    from service.runtime.retention_job import retention_of
 
     settings = settings_of(data=data, config=config)
     folder, where = settings.data, database_of(settings.data, settings.database)
     findings, counts = examine(folder, where)
-    size = None if findings else forecast_of(where, retention_of(settings))
+    size = None if findings else forecast_of(where, Retention.of(settings))
     raw = None if settings.raw_folder is None else kept_in(settings.raw_folder)
     shown = {
         "findings": [asdict(f) for f in findings],

@@ -139,8 +139,8 @@ def depths(
     out: Annotated[Path | None, Option(help="CSV file to write.")] = None,
 ) -> Shown:
     """Wear depths of a table of vibration levels, by a relation of level and depth."""
-    from service.files.level_table import as_csv, depths_of
     from service.files.relation import read_relation
+    from service.files.series import as_csv, depths_of
     from service.report.relation import depths_text
 
     found = depths_of(read_relation(relation), table, delimiter)

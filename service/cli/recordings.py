@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -11,11 +12,13 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from service.cli.assessing import Prefix, Recording, RigFile, Shown, answering, settings_of, tell
+from service.cli.assessing import Data, Prefix, Recording, RigFile, Shown, answering, settings_of, tell
 from service.cli.config import ConfigFile
 from service.cli.show import progress_bar
 from service.errors import DeliveryError, InputError
+from service.file_faults import reading
 from service.json_text import write_text
+from service.termination import until_told
 
 CLOCKS_DIFFER = 60.0  # by which a logger's clock may be ahead of this computer's [s]
 Connect = Annotated[list[str] | None, Option(help="Endpoint of a service or router, such as tcp/127.0.0.1:7447.")]
@@ -79,33 +82,65 @@ def replay(
 
 @answering
 def record(
-    out: Annotated[Path, Option(help="MCAP file to write.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        Option(help="MCAP file to write; default: without end, as the settings of raw recordings say."),
+    ] = None,
     connect: Connect = None,
     listen: Listen = None,
     duration: Annotated[float, Option(min=0.0, help="Stop after this many seconds; default: at Ctrl-C.")] = float(
         "inf"
     ),
     rig: RigFile = None,
-    description: Annotated[str, Option(help="Text for the recording's metadata.")] = "recorded live",
+    description: Annotated[str, Option(help="Text for the recording's metadata; with --out.")] = "recorded live",
+    data: Data = None,
     prefix: Prefix = None,
     config: ConfigFile = None,
 ) -> Shown:
-    """Record a live stream into a file (MCAP)."""
+    """Record a live stream into a file (MCAP), or all streams into a folder of rolling files."""
     from service.logs import logging_by
 
-    settings = settings_of(config=config, prefix=prefix)
+    settings = settings_of(config=config, prefix=prefix, data=data, rig=rig if out is None else None)
+    where = out or settings.raw_url or settings.raw_folder
+    if where is None:
+        raise InputError("give --out FILE, or set folder or url in the table [raw] of the settings")
     with logging_by(settings):
         source = connect or ([] if listen else settings.connect)
+        if not source and not listen:
+            raise InputError("give --connect ENDPOINT of a router, or --listen ENDPOINT to open one")
         links = settings.zenoh_links
-        done = record_live(out, source, listen, duration, rig, description, settings.prefix, links)
-    failed = None
-    if unwritten := done.missed + done.left_out + done.refused:
-        failed = DeliveryError(
-            f"{unwritten} frames are not in {out}: {done.missed} were lost on the way, {done.left_out} came faster "
-            f"than they could be written, and {done.refused} break the contract"
+        if out is None:
+            done = keep_live(settings, source, listen, duration)
+        else:
+            done = record_live(out, source, listen, duration, rig, description, settings.prefix, links)
+    lacking = (
+        f"{sum(done[1:])} frames are not in {where}: {done.missed} were lost on the way, {done.left_out} came faster "
+        f"than they could be written, and {done.refused} break the contract"
+    )
+    failed = DeliveryError(lacking) if any(done[1:]) and out is not None else None
+    notes = (lacking,) if any(done[1:]) and out is None else ()  # it had no end that it could have missed
+    data_of = {"recording": str(where), **done._asdict()}
+    return Shown(data_of, lambda: f"{done.frames} frames recorded: {where}", notes, failed)
+
+
+def keep_live(settings: Any, connect: Sequence[str] | None, listen: Sequence[str] | None, duration: float) -> Any:
+    """Records by the table [raw] of the settings; answers how many frames were written, and what became of others."""
+    from service.results.data_folder import database_of
+    from service.results.database import Database
+    from service.runtime.raw_recorder import keep_recording
+    from service.transport.zenoh import open_zenoh
+
+    where = database_of(settings.data, settings.database)
+    there = not isinstance(where, Path) or where.exists()
+    transport = partial(open_zenoh, listen or (), connect or (), settings.prefix, 30.0, settings.zenoh_links)
+    with until_told() as stop:
+        if duration < float("inf"):
+            over = threading.Timer(duration, stop.set)
+            over.daemon = True
+            over.start()
+        return keep_recording(
+            settings, transport, stop=stop, open_database=partial(Database, where, shared=True) if there else None
         )
-    data = {"recording": str(out), **done._asdict()}
-    return Shown(data, lambda: f"{done.frames} frames recorded: {out}", failed=failed)
 
 
 def record_live(
@@ -119,41 +154,29 @@ def record_live(
     links: Any,
 ) -> Any:
     """Records; answers how many frames were written, and what became of the others."""
-    import signal
-    import threading
-
     from service.runtime.record import record as written
     from service.stream.inbox import Inbox
     from service.transport.zenoh import open_zenoh
 
-    if not connect and not listen:
-        raise InputError("give --connect ENDPOINT of a router, or --listen ENDPOINT to open one")
-    try:
+    with reading(rig or "", "rig file"):
         rig_text = rig.read_bytes() if rig else None
-    except OSError as error:
-        raise InputError(f"{rig}: rig file cannot be read: {(error.strerror or 'fault').lower()}") from None
-    stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     inbox = Inbox(prefix=prefix)
-    try:
-        with (
-            open_zenoh(listen or (), connect or (), prefix, wait=30.0, links=links) as transport,
-            progress_bar("recording") as bar,
-        ):
-            return written(
-                transport,
-                inbox,
-                out,
-                stop=stop,
-                duration=duration,
-                rig_text=rig_text,
-                description=description,
-                prefix=prefix,
-                progress=lambda frames, refused: bar(0.0, f"{frames} frames, {refused} refused"),
-            )
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with (
+        until_told() as stop,
+        open_zenoh(listen or (), connect or (), prefix, wait=30.0, links=links) as transport,
+        progress_bar("recording") as bar,
+    ):
+        return written(
+            transport,
+            inbox,
+            out,
+            stop=stop,
+            duration=duration,
+            rig_text=rig_text,
+            description=description,
+            prefix=prefix,
+            progress=lambda frames, refused: bar(0.0, f"{frames} frames, {refused} refused"),
+        )
 
 
 @answering

@@ -25,6 +25,6 @@ class Fleet(Table):
     fleet_address: str | None = Field(
         default=None,
         pattern=r"^\S+:\d{1,5}$",
-        description="HOST:PORT of a cluster of Ray with a node on this machine; by default Ray runs on this one alone",
+        description="HOST:PORT of a cluster of Ray with a node on this machine; by default all hosts are this machine",
         examples=["ray-head:6379"],
     )

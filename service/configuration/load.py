@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import SecretStr, ValidationError
 from pydantic_settings import SettingsError
 
 from service.configuration import new_assets, plant
 from service.configuration.printed import shown
 from service.configuration.sources import CONFIG, Environment, FileSource
-from service.configuration.tables import Place, is_secret, places
+from service.configuration.tables import Place, holds, places
 from service.errors import InputErrors
 from service.settings import Settings
 
@@ -72,7 +72,7 @@ def _line(fault: dict[str, Any], given: Mapping[str, Any]) -> str:
     name = str(fault["loc"][0])
     right = READ.get(name) if fault["type"] == "string_pattern_mismatch" else None
     item = "".join(f", item {part + 1}" for part in fault["loc"][1:] if isinstance(part, int))
-    value = "" if is_secret(Settings, name) else f" = {shown(fault['input'])!r}"
+    value = "" if holds(Settings, name, SecretStr) else f" = {shown(fault['input'])!r}"
     return f"{_where(name, given)}{item}{value}: {right or message}"
 
 

@@ -124,14 +124,14 @@ class Monitoring(Table):
 
 
 class Raw(Table):
-    """Recordings of all frames that are used."""
+    """Recordings of all frames that come."""
 
     TABLE: ClassVar[str] = "raw"
     PREFIX: ClassVar[str] = "raw_"
 
     raw_folder: Path | None = Field(
         default=None,
-        description="folder in which all frames that are used are kept as MCAP recordings; none: they are not kept",
+        description="folder in which all frames that come are kept as MCAP recordings; none: they are not kept",
         examples=["/srv/gear-twin/raw"],
     )
     raw_url: str | None = Field(

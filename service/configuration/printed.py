@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from pydantic import SecretStr
 
 from service.configuration.tables import Place, places
 from service.settings import Settings
+from service.toml_text import value_text
 
 MASK = "**********"
 _CREDENTIALS = re.compile(r"(?<=://)[^/@\s]*:[^/@\s]*(?=@)")
@@ -37,7 +37,7 @@ def effective_text(settings: Settings, origins: Mapping[str, str]) -> str:
     for table, keys in effective(settings, origins).items():
         lines += ["", f"[{table}]"]
         for key, said in keys.items():
-            text = f"# {key} is not set" if said["value"] is None else f"{key} = {toml(said['value'])}"
+            text = f"# {key} is not set" if said["value"] is None else f"{key} = {value_text(said['value'])}"
             text = f"# {text}" if said.get("follows") else text
             lines.append(f"{text:<50}  # {said['from']}")
     return "\n".join(lines[1:])
@@ -63,7 +63,7 @@ def _commented(place: Place) -> list[str]:
     if value is None or (value in ([], {}) and field.examples):
         value = field.examples[0] if field.examples else f"{place.key}.toml"
     about = textwrap.wrap(field.description or "", WIDTH, initial_indent="# ", subsequent_indent="# ")
-    return [*about, f"#{place.key} = {toml(value)}"]
+    return [*about, f"#{place.key} = {value_text(value)}"]
 
 
 def shown(value: Any) -> Any:
@@ -77,12 +77,3 @@ def shown(value: Any) -> Any:
     if isinstance(value, str):
         return _IN_A_QUERY.sub(rf"\1{MASK}", _CREDENTIALS.sub(MASK, value))
     return value if value is None or isinstance(value, (bool, int, float)) else str(value)
-
-
-def toml(value: Any) -> str:
-    """A value as TOML."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic_settings import BaseSettings, EnvSettingsSource, InitSettingsSource
 
-from service.configuration.tables import VARIABLE, Place, is_path, places
+from service.configuration.tables import VARIABLE, Place, holds, places
 from service.errors import InputErrors
 from service.files.documents import load_document
 
@@ -68,7 +68,7 @@ def _settings_in(settings: type[BaseSettings], path: Path) -> dict[str, Any]:
     if lines:
         raise InputErrors([f"{path}: {line}" for line in lines])
     found = {tables[table][key].setting: value for table, keys in document.items() for key, value in keys.items()}
-    return {name: _beside(path, value) if is_path(settings, name) else value for name, value in found.items()}
+    return {name: _beside(path, value) if holds(settings, name, Path) else value for name, value in found.items()}
 
 
 def _faults(document: Mapping[str, Any], tables: Mapping[str, Mapping[str, Place]]) -> Iterator[str]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, get_args
 
-from pydantic import BaseModel, SecretStr
+from pydantic import BaseModel
 
 VARIABLE = "GEAR_TWIN_"
 
@@ -54,11 +53,3 @@ def holds(settings: type[BaseModel], name: str, kind: type) -> bool:
         return annotation is kind or any(within(part) for part in get_args(annotation))
 
     return within(settings.model_fields[name].annotation)
-
-
-def is_path(settings: type[BaseModel], name: str) -> bool:
-    return holds(settings, name, Path)
-
-
-def is_secret(settings: type[BaseModel], name: str) -> bool:
-    return holds(settings, name, SecretStr)

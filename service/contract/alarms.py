@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from service.alarms.quantities import JUDGED
 from service.contract.base import ContractModel
 from service.contract.finding import Finding
 from service.contract.status import Added
@@ -14,11 +15,6 @@ from service.contract.status import Added
 State = Literal["active_unacknowledged", "active_acknowledged", "returned_unacknowledged", "closed"]
 STATES: tuple[State, ...] = ("active_unacknowledged", "active_acknowledged", "returned_unacknowledged", "closed")
 LEVELS = ("watch", "alarm")
-OF_THE_STATUS = (
-    "depth", "life", "wear_rate", "effect", "level", "modulation", "unexplained", "validity", "encoder_ratio", "status",
-    "data",
-)  # fmt: skip
-"""Quantities whose alarms rest on findings that are in the status already."""
 
 
 class Signed(ContractModel):
@@ -110,5 +106,5 @@ def added_of(alarms: Sequence[Mapping[str, Any]]) -> list[Added]:
             since=alarm["raised_at"],
         )
         for alarm in by_urgency(alarms)
-        if alarm["active"] and alarm["quantity"] not in OF_THE_STATUS
+        if alarm["active"] and alarm["quantity"] not in JUDGED
     ]

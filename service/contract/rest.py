@@ -46,10 +46,6 @@ class DecisionIn(BaseModel):
     by: str | None = Field(None, max_length=200, description="name of the person who decides")
     note: str | None = Field(None, max_length=2000, description="what was seen, or why")
 
-    def signed(self) -> tuple[str | None, str | None]:
-        """Name and note, without blanks around them; None where nothing is said."""
-        return (self.by or "").strip() or None, (self.note or "").strip() or None
-
 
 class DecisionAnswer(AnswerModel):
     """A decision that has been kept."""

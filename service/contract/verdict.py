@@ -53,26 +53,25 @@ class Verdict(Made):
         return Finding(subject=SUBJECT, level="no_verdict", reason=self.sentence(), action=ACTION)
 
     @property
+    def _later(self) -> str:
+        many = self.not_assessed > 1
+        return f"latest {self.not_assessed} windows were not assessed" if many else "latest window was not assessed"
+
+    @property
     def _moment(self) -> str:
         return f"{(self.start_time or '')[:16].replace('T', ' ')} UTC"
 
     def summary(self) -> str:
         """In a few words, as of when a state is that has not been assessed since."""
-        many = self.not_assessed > 1
-        which = f"the latest {self.not_assessed} windows were" if many else "the latest window was"
-        return (
-            f"As of {(self.start_time or '')[:16].replace('T', ' ')} UTC, window {self.window}; {which} not assessed."
-        )
+        return f"As of {self._moment}, window {self.window}; the {self._later}."
 
     def sentence(self) -> str:
         """Which windows were not assessed and why, and which window the verdict rests on; empty where all were."""
         if not self.not_assessed or self.window is None:
             return ""
-        many = self.not_assessed > 1
-        which = f"The latest {self.not_assessed} windows were" if many else "The latest window was"
         span = f" ({spoken_time(self.age_s)} earlier)" if self.age_s else ""
         why = f": {cause(self.reason).removesuffix('.')}" if self.reason else ""
-        return sentence(f"{which} not assessed{why}; the verdict is of window {self.window}, {self._moment}{span}")
+        return sentence(f"The {self._later}{why}; the verdict is of window {self.window}, {self._moment}{span}")
 
 
 def seconds_between(first: str, second: str | None) -> float | None:

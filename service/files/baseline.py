@@ -1,7 +1,7 @@
 """Healthy baselines of machines without a rig model: learned from recordings, kept in a file, and compared with.
 
-A baseline file is a NumPy archive: `header`, JSON with the rig file's values and what is said of every recording, and
-the lines of every recording and channel.
+A baseline file is a NumPy archive: `header`, JSON of the baseline's fields (twin/serial.py), and the bytes of each
+array by number.
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ import json
 import zlib
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from fractions import Fraction
-from math import inf, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import BadZipFile
@@ -22,8 +21,8 @@ import numpy as np
 from service.contract.base import not_available
 from service.contract.parts import json_of
 from service.errors import InputError
-from service.files.recorded_rig import choose_asset, rig_of
-from service.files.rig import assembly_for, checked_rig
+from service.file_faults import reading, whole_file
+from service.files.rig import assembly_for, checked_rig, choose_asset, rig_of
 from service.json_text import plain
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.sources.mcap import Recording, read_windows
@@ -46,24 +45,17 @@ from twin.baseline.energy_breakdown import energy_breakdown
 from twin.baseline.learned import Baseline
 from twin.baseline.leaving_out import learn
 from twin.baseline.modulation import against_baseline
-from twin.baseline.off_lines import OffLines
-from twin.baseline.reading import TURNS_PER_PERIOD, ChannelLines, SpacingSeen, WindowReading, common_period
-from twin.baseline.repeats import Repeats
+from twin.baseline.reading import TURNS_PER_PERIOD, common_period
 from twin.baseline.spacing import shared_ratio
-from twin.baseline.usable import NotLearned
 from twin.errors import TwinError
 from twin.features.modulation import modulations
 from twin.rig import Rig
+from twin.serial import from_parts, to_parts
 from twin.windows import Window
 
-SCHEMA = "gear-twin-baseline/1"
+SCHEMA = "gear-twin-baseline/2"
 # what NumPy and the readers of its archive raise where a file is cut off, damaged or something else
-NO_BASELINE = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile, zlib.error, ZeroDivisionError)
-KEPT = (
-    "name", "start_time_ns", "duration", "turns", "period", "speed_hz", "speed_std_hz", "angle_from", "absolute",
-    "torque_nm",
-)  # fmt: skip
-KEPT_OFF_LINES = ("names", "tones", "free_order", "clipped", "constant")
+NO_BASELINE = (ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile, zlib.error)
 
 
 class Loaded(NamedTuple):
@@ -255,101 +247,24 @@ def energy_of(
 
 def save(baseline: Baseline, path: Path) -> None:
     """Writes a baseline file; InputError where it cannot be written."""
-    header: dict[str, Any] = {
-        "schema": SCHEMA,
-        "rig": baseline.rig.values,
-        "shafts": [[s.numerator, s.denominator] for s in baseline.shafts],
-        "path_scatter": dict(baseline.path_scatter),
-        "repeats": _repeats_json(baseline.repeats),
-        "not_learned": [asdict(one) for one in baseline.not_learned],
-        "copies": list(baseline.copies),
-        "readings": [],
-    }
-    arrays: dict[str, np.ndarray] = {f"std/{name}": std for name, std in baseline.std.items()}
-    for i, r in enumerate(baseline.readings):
-        values = {name: getattr(r, name) for name in KEPT}
-        values |= {"raw": dict(r.raw), "spacings": [asdict(s) for s in r.spacings]}
-        header["readings"].append(values | {"rms": {name: c.rms for name, c in r.channels.items()}})
-        for name, c in r.channels.items():
-            arrays[f"{i}/{name}/lines"] = c.lines
-            arrays[f"{i}/{name}/floor"] = c.floor
-            if c.off is not None:
-                arrays[f"{i}/{name}/off"] = c.off.values
-                off = {key: getattr(c.off, key) for key in KEPT_OFF_LINES}
-                header["readings"][-1].setdefault("off_lines", {})[name] = off
-    arrays["header"] = np.frombuffer(json.dumps(plain(header), ensure_ascii=False).encode(), dtype=np.uint8)
-    whole = path.with_name(path.name + ".part")
-    try:
-        with whole.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        whole.replace(path)  # a reader sees the file before or after, never a part of it
-    except OSError as error:
-        whole.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+    fields, arrays = to_parts(baseline)
+    header = json.dumps({"schema": SCHEMA, "baseline": fields}, ensure_ascii=False, default=plain).encode()
+    members = {str(i): np.frombuffer(data, np.uint8) for i, data in enumerate(arrays)}
+    with whole_file(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, header=np.frombuffer(header, np.uint8), **members)
 
 
 def read_baseline(path: Path) -> Baseline:
     """A baseline from its file; InputError where it is none."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        with reading(path), path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(bytes(archive["header"]).decode())
             if header.get("schema") != SCHEMA:
-                raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}")
-            readings = tuple(_reading(archive, i, values) for i, values in enumerate(header["readings"]))
-            std = {name.partition("/")[2]: archive[name] for name in archive.files if name.startswith("std/")}
-            return Baseline(
-                rig=checked_rig(header["rig"], f"{path}: its rig"),
-                shafts=tuple(Fraction(n, d) for n, d in header["shafts"]),
-                readings=readings,
-                std=std,
-                path_scatter=header["path_scatter"],
-                not_learned=tuple(_not_learned(one) for one in header["not_learned"]),
-                copies=tuple(header["copies"]),
-                repeats=_repeats(header["repeats"]),
-            )
+                raise InputError(f"{path}: schema {header.get('schema')!r} is not {SCHEMA!r}: learn the baseline again")
+            arrays = [archive[str(i)].tobytes() for i in range(len(archive.files) - 1)]
+            found = from_parts(Baseline, header["baseline"], arrays)
+        return replace(found, rig=checked_rig(found.rig.values, f"{path}: its rig"))
     except InputError:
         raise
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
     except NO_BASELINE as error:
         raise InputError(f"{path}: not a baseline of `gear-twin baseline`: {error}") from None
-
-
-def _repeats_json(repeats: Repeats) -> dict[str, Any]:
-    """What healthy recordings repeat, with a factor of None where nothing is compared."""
-    factors = [[kind, channel, f if isfinite(f) else None] for (kind, channel), f in repeats.factors.items()]
-    return asdict(repeats) | {"factors": factors}
-
-
-def _repeats(given: dict[str, Any]) -> Repeats:
-    factors = {(kind, channel): inf if f is None else float(f) for kind, channel, f in given["factors"]}
-    return Repeats(**given | {"factors": factors, "pattern": tuple(given["pattern"])})
-
-
-def _not_learned(given: dict[str, Any]) -> NotLearned:
-    return NotLearned(**given | {"windows": tuple(given["windows"])})
-
-
-def _off_lines(values: np.ndarray, header: dict[str, Any]) -> OffLines:
-    return OffLines(
-        names=tuple(header["names"]),
-        values=values,
-        tones=tuple(header["tones"]),
-        **{key: float(header[key]) for key in ("free_order", "clipped", "constant")},
-    )
-
-
-def _reading(archive: Any, index: int, values: dict[str, Any]) -> WindowReading:
-    rms, off = values.pop("rms"), values.pop("off_lines", {})
-    channels = {
-        name: ChannelLines(
-            lines=archive[f"{index}/{name}/lines"],
-            floor=archive[f"{index}/{name}/floor"],
-            rms=float(level),
-            off=_off_lines(archive[f"{index}/{name}/off"], off[name]) if name in off else None,
-        )
-        for name, level in rms.items()
-    }
-    raw = {name: (float(rms), float(kurtosis)) for name, (rms, kurtosis) in values.pop("raw").items()}
-    spacings = tuple(SpacingSeen(order=one["order"], clearness=one["clearness"]) for one in values.pop("spacings"))
-    return WindowReading(channels=channels, raw=raw, spacings=spacings, **values)

@@ -5,12 +5,11 @@ A file is JSON and names the values of the rig file that it belongs to. It is us
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.errors import InputError
+from service.file_faults import json_of_file
 from service.json_text import json_text, plain, write_text
 from twin.required_evidence import NullEvidence
 
@@ -60,23 +59,13 @@ def save(rig: Rig, study: Study, path: Path) -> None:
     write_text(path, json_text(answer(rig, study)))
 
 
-def nulls_of(paths: Iterable[Path]) -> dict[str, NullEvidence]:
-    """What several files say, by the digest of the rig that each belongs to; InputError."""
-    return dict(read_nulls(path) for path in paths)
-
-
 def read_nulls(path: Path) -> tuple[str, NullEvidence]:
     """Digest of the rig that a file belongs to, and what its healthy machines show; InputError."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except ValueError:
-        raise InputError(f"{path}: is no JSON file; `gear-twin detectability RIG --out {path}` makes one") from None
+    data = json_of_file(path, "a file of `gear-twin detectability`")
     try:
         if data["schema"] != SCHEMA:
             raise InputError(f"{path}: schema = {data['schema']!r} must be {SCHEMA!r}")
         found = {str(n): tuple(float(e) for e in known["evidence"]) for n, known in data["false_alarms"].items()}
         return str(data["rig_digest"]), NullEvidence(campaigns=int(data["healthy_campaigns"]), found=found)
     except (KeyError, TypeError, AttributeError, ValueError):
-        raise InputError(f"{path}: is not a file of `gear-twin detectability`") from None
+        raise InputError(f"{path}: not a file of `gear-twin detectability`") from None

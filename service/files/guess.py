@@ -20,27 +20,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from service.errors import InputError
-from service.files.import_channel import COUNTS, unwrapped
+from service.files.import_mapping import COUNTS, unwrapped
 from service.files.import_rate import AGREEMENT, TIME_UNITS, TimeAxis, axis_of, counts_rows, is_time, time_axes
 from service.files.readers import Column, Table
 from service.files.readers.stored import beginning
-from service.files.readers.table import UNIT_NAMES, split_unit
-from service.files.units import ACCEL, TEMPERATURE, TORQUE, UNITS
+from service.files.readers.table import split_unit
+from service.files.units import ACCEL, OTHER_UNITS, TEMPERATURE, TORQUE, UNIT_NAMES, UNITS
 from service.stream.channels import SHAFTS
 from twin.errors import WindowError
 from twin.features.pulses import Pulses, PulseSettings, pulses_of
 
 TACHO = "tachometer"
 TIME, LEFT_OUT = "time", "left out"
-OTHER_UNITS = {
-    "mm/s": "vibration velocity has no channel", "m/s": "vibration velocity has no channel",
-    "um": "a displacement has no channel", "µm": "a displacement has no channel", "mm": "a displacement has no channel",
-    "rpm": "a measured speed has no channel: give the pulses it came from", "1/min": "a measured speed has no channel",
-    "hz": "a measured speed has no channel", "a": "a current has no channel", "ma": "a current has no channel",
-    "w": "a power has no channel", "kw": "a power has no channel", "%": "a share has no channel",
-    "deg": "an angle has no channel: give encoder edges or pulses", "°": "an angle has no channel",
-    "rad": "an angle has no channel: give encoder edges or pulses",
-}  # fmt: skip
 NO_CHANNEL = (
     (re.compile(r"speed|rpm|drehzahl|velocity|geschw|vitesse|^n$", re.I), OTHER_UNITS["rpm"]),
     (
@@ -124,7 +115,9 @@ def proposal_of(table: Table, file: str, rate: float | None = None, shaft: str |
     rates: dict[str, float | None] = {}
     for column in table.columns:
         if column.name in used:
-            guesses.append(Guess(columns=(column.name,), kind=TIME, why=_why_time(used[column.name])))
+            missing = used[column.name].missing
+            gaps = f", {missing} samples missing" if missing else ""
+            guesses.append(Guess(columns=(column.name,), kind=TIME, why=f"rises evenly{gaps}"))
             continue
         rates[column.name] = _rate_of(column, table, axes, rate)
         if column.name not in paired:
@@ -155,11 +148,6 @@ def _axes(table: Table, file: str) -> tuple[TimeAxis, ...]:
         return tuple(time_axes("the file", table, file, first.name, set()))
     except InputError:
         return ()
-
-
-def _why_time(axis: TimeAxis) -> str:
-    gaps = f", {axis.missing} samples missing" if axis.missing else ""
-    return f"rises evenly{gaps}"
 
 
 def _rate_of(column: Column, table: Table, axes: Sequence[TimeAxis], rate: float | None) -> float | None:
@@ -238,12 +226,9 @@ def _guess(column: Column, rate: float | None, longest: int) -> Guess:
     if not kind and _are_classes(good):
         return replace(base, why=f"{np.unique(good).size} whole numbers that seldom change: a class or a state")
     if known:
-        return replace(base, kind=known[0], unit=known[1], scale=known[2], why=f"unit {unit}", remark=_remark(known[1]))
+        remark = "a sound pressure is checked and left out" if known[1] == "Pa" else ""
+        return replace(base, kind=known[0], unit=known[1], scale=known[2], why=f"unit {unit}", remark=remark)
     return _without_unit(base, kind or ACCEL, unit, bool(kind))
-
-
-def _remark(unit: str) -> str:
-    return "a sound pressure is checked and left out" if unit == "Pa" else ""
 
 
 def _without_unit(base: Guess, kind: str, unit: str, named: bool) -> Guess:

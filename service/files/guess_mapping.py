@@ -6,15 +6,15 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from service.errors import InputError
-from service.files.documents import check_asset
+from service.files.documents import Part
 from service.files.guess import LEFT_OUT, TACHO, TIME, Guess, Proposal
-from service.files.import_channel import COUNTS
 from service.files.import_columns import columns_of
-from service.files.import_mapping import checked_mapping
-from service.files.import_recording import toml_value
+from service.files.import_mapping import COUNTS, checked_mapping
 from service.files.readers import Table
+from service.toml_text import key_text, lines_of
 
 UNKNOWN_EDGES = "# edges_per_rev = 1024  # replace: not in the file"
 
@@ -76,20 +76,12 @@ def contradicted_speed(proposal: Proposal, known: Known) -> str | None:
 
 def mapping_text(proposal: Proposal, known: Known) -> str:
     """The mapping file."""
-    lines = ['schema = "gear-import/1"', f"asset = {toml_value(known.asset)}"]
-    if known.rig is not None:
-        lines.append(f"rig = {toml_value(known.rig)}")
+    head = {"schema": "gear-import/1", "asset": known.asset, "rig": known.rig, "age": known.age, "zone": known.zone}
+    lines = lines_of(head, {"age": "of the gears when the file begins", "zone": "of dates that are local times"})
     if known.age is None:
         lines.append('# age = "new"  # of the gears when the file begins: also "5000 rev" or "1200 h"; else not known')
-    else:
-        lines.append(f"age = {toml_value(known.age)}  # of the gears when the file begins")
-    if known.zone is not None:
-        lines.append(f"zone = {toml_value(known.zone)}  # of dates that are local times")
-    lines += ["", "[file]", f"path = {toml_value(known.path)}"]
-    if known.rate is not None:
-        lines.append(f"sample_rate_hz = {known.rate!r}")
-    if len(proposal.axes) == 1:
-        lines.append(f"time_column = {toml_value(proposal.axes[0].name)}")
+    time = proposal.axes[0].name if len(proposal.axes) == 1 else None
+    lines += ["", "[file]", *lines_of({"path": known.path, "sample_rate_hz": known.rate, "time_column": time})]
     if proposal.rate is not None:
         lines.append(f"# {proposal.rate:.9g} samples a second, {proposal.rate_from}")
     for guess in proposal.guesses:
@@ -105,7 +97,7 @@ def check_text(text: str, path: Path, table: Table, proposal: Proposal) -> None:
         why = "; ".join(f"{', '.join(g.columns)}: {g.why}" for g in proposal.guesses if g.kind == LEFT_OUT)
         raise InputError(f"no column of the file can be a channel: {why}")
     document = tomllib.loads(text)
-    check_asset("--asset", document)
+    Part("--asset", document).asset()
     if UNKNOWN_EDGES not in text.splitlines():  # else it says what a person has to add
         columns_of(checked_mapping(document, path), table, document["file"]["path"])
 
@@ -116,29 +108,17 @@ def _channel(guess: Guess, known: Known) -> Sequence[str]:
         said = f"{columns}: {guess.kind}, {guess.why}"
         return [f"# {' '.join(said.split())}"]
     group = "" if guess.kind == "accel" else f"{guess.kind}."
-    head = f"[channels.{group}{toml_key(guess.name)}]"
-    lines = [f"{head}  # {guess.why}{'; ' + guess.remark if guess.remark else ''}"]
-    if len(guess.columns) > 1:
-        lines.append(f"columns = {toml_value(list(guess.columns))}")
-    else:
-        lines.append(f"column = {toml_value(guess.columns[0])}")
+    head = f"[channels.{group}{key_text(guess.name)}]"
+    values: dict[str, Any] = {"column": columns} if len(guess.columns) == 1 else {"columns": guess.columns}
     if guess.kind == TACHO:
-        lines.append(f"pulses_per_rev = {known.pulses_per_rev}")
-        if guess.falling:
-            lines.append('edge = "falling"')
-        return lines
-    lines.append(f"unit = {toml_value(guess.unit)}")
-    if guess.scale != 1:
-        lines.append(f"scale = {guess.scale!r}")
-    if guess.kind == "encoder":
-        known_edges = guess.unit == COUNTS and known.pulses_per_rev > 1
-        lines.append(f"edges_per_rev = {known.pulses_per_rev}" if known_edges else UNKNOWN_EDGES)
-    return lines
-
-
-def toml_key(name: str) -> str:
-    """A name as part of a table's name."""
-    return toml_value(name) if "." in name else name
+        values |= {"pulses_per_rev": known.pulses_per_rev, "edge": "falling" if guess.falling else None}
+    else:
+        values |= {"unit": guess.unit, "scale": guess.scale if guess.scale != 1 else None}
+    counted = guess.unit == COUNTS and known.pulses_per_rev > 1
+    if guess.kind == "encoder" and counted:
+        values["edges_per_rev"] = known.pulses_per_rev
+    lines = [f"{head}  # {guess.why}{'; ' + guess.remark if guess.remark else ''}", *lines_of(values)]
+    return [*lines, UNKNOWN_EDGES] if guess.kind == "encoder" and not counted else lines
 
 
 def _rig(proposal: Proposal, known: Known) -> list[str]:

@@ -1,4 +1,4 @@
-"""The columns that a mapping names, read from a data file and checked."""
+"""The columns that a mapping names, read from a data file and checked; edges of a shaft from sampled ones."""
 
 from __future__ import annotations
 
@@ -10,13 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from service.errors import InputError
-from service.files.import_channel import COUNTS, QUADRATURE, SAMPLED, ChannelMapping, checked_edges, unwrapped
-from service.files.import_mapping import ImportMapping
+from service.files.import_mapping import (
+    COUNTS,
+    PULSES,
+    QUADRATURE,
+    SAMPLED,
+    ChannelMapping,
+    ImportMapping,
+    checked_edges,
+    unwrapped,
+)
 from service.files.import_rate import TimeAxis, time_axes, timing_of
 from service.files.readers import Column, Table, read_table
 from service.files.readers.stored import Row, changed, pieces
 from service.files.readers.table import split_unit
 from service.stream.channels import CHANNEL_KINDS, Layout
+from twin.encoder_pair.motion import forward_edges, quadrature
+from twin.errors import WindowError
+from twin.features.pulses import pulses_of
 
 LEAST_PRESENT = 0.5  # share of a column that must be there
 
@@ -58,8 +69,8 @@ def columns_of(mapping: ImportMapping, table: Table, file: str) -> DataFile:
     """The mapped columns of a data file that has been read; InputError where mapping and file contradict."""
     used = {column for channel in mapping.channels for column in channel.columns}
     axes = time_axes(mapping.where, table, file, mapping.time_column, used)
-    channels = tuple(_with_edges(mapping, c, table, file) for c in mapping.channels)
-    measured = {c.label: _measured(mapping, c, table, file, axes) for c in channels}
+    channels = tuple(_with_edges(c, table, file) for c in mapping.channels)
+    measured = {c.label: _measured(mapping.sample_rate, c, table, file, axes) for c in channels}
     return DataFile(
         mapping=replace(mapping, channels=channels),
         channels=_from_one_origin(measured, bool(axes)),
@@ -87,66 +98,58 @@ def _from_one_origin(measured: Mapping[str, Measured], timed: bool) -> dict[str,
     }
 
 
-def _measured(
-    mapping: ImportMapping, channel: ChannelMapping, table: Table, file: str, axes: list[TimeAxis]
-) -> Measured:
-    columns = [_column(mapping, channel, name, table, file) for name in channel.columns]
+def _measured(rate: float | None, channel: ChannelMapping, table: Table, file: str, axes: list[TimeAxis]) -> Measured:
+    columns = [_column(channel, name, table, file) for name in channel.columns]
     if len({c.values.size for c in columns}) > 1:
+        sizes = " and ".join(str(c.values.size) for c in columns)
         raise InputError(
-            f"{mapping.where}: {channel.key}.columns have {' and '.join(str(c.values.size) for c in columns)} "
-            f"samples in {file}: levels of one encoder are sampled together"
+            f"{channel.place}.columns have {sizes} samples in {file}: levels of one encoder are sampled together"
         )
-    values = [_checked_values(mapping, channel, c, file) for c in columns]
+    values = [_checked_values(channel, c, file) for c in columns]
     kind = CHANNEL_KINDS[channel.kind]
     if kind.layout is Layout.EDGES and channel.unit not in SAMPLED:
         return Measured(values=values[0], rate=0.0, start=0.0)
-    timing = timing_of(mapping, channel.key, columns[0], table, axes, kind.slow)
-    if timing.axis is not None:
-        values = [timing.axis.laid_out(v) for v in values]
+    rate, start, axis = timing_of(channel.place, rate, columns[0], table, axes, kind.slow)
+    if axis is not None:
+        values = [axis.laid_out(v) for v in values]
     return Measured(
         values=values[0] if len(values) == 1 else np.stack([np.asarray(v) for v in values]),
-        rate=timing.rate,
-        start=timing.start,
-        missing=timing.axis.missing if timing.axis else 0,
+        rate=rate,
+        start=start,
+        missing=axis.missing if axis else 0,
     )
 
 
-def _key(channel: ChannelMapping) -> str:
-    return "columns" if len(channel.columns) > 1 else "column"
+def _place(channel: ChannelMapping, name: str) -> str:
+    """Where the mapping names a column, with its name."""
+    return f"{channel.place}.{'columns' if len(channel.columns) > 1 else 'column'} = {name!r}"
 
 
-def _column(mapping: ImportMapping, channel: ChannelMapping, name: str, table: Table, file: str) -> Column:
-    column = table.column(name)
-    if column is None:
-        if name in table.numbers:
-            raise InputError(
-                f"{mapping.where}: {channel.key}.{_key(channel)} = {name!r} of {file} is a single number and must be "
-                "a row of numbers"
-            )
-        left_out = table.left_out.get(name)
-        why = f"is no row of numbers ({left_out})" if left_out else "is not"
-        has = ", ".join(table.names) or "no named column"
-        raise InputError(f"{mapping.where}: {channel.key}.{_key(channel)} = {name!r} {why} in {file}, which has {has}")
-    return column
+def _column(channel: ChannelMapping, name: str, table: Table, file: str) -> Column:
+    column, place = table.column(name), _place(channel, name)
+    if column is not None:
+        return column
+    if name in table.numbers:
+        raise InputError(f"{place} of {file} is a single number and must be a row of numbers")
+    left_out = table.left_out.get(name)
+    why = f"is no row of numbers ({left_out})" if left_out else "is not"
+    raise InputError(f"{place} {why} in {file}, which has {', '.join(table.names) or 'no named column'}")
 
 
-def _with_edges(mapping: ImportMapping, channel: ChannelMapping, table: Table, file: str) -> ChannelMapping:
+def _with_edges(channel: ChannelMapping, table: Table, file: str) -> ChannelMapping:
     """The channel with the edges a turn that the data file states, where the mapping names that number."""
     name = channel.edges_per_rev_from
     if not name:
         return channel
-    key = f"{channel.key}.edges_per_rev"
-    number = table.numbers.get(name)
+    place, number = f"{channel.place}.edges_per_rev = {name!r}", table.numbers.get(name)
     if number is None:
-        raise InputError(
-            f"{mapping.where}: {key} = {name!r} is no single number of {file}, which has {', '.join(table.names)}"
-        )
-    return replace(channel, edges_per_rev=checked_edges(mapping.where, f"{key} = {name!r} of {file}", number))
+        raise InputError(f"{place} is no single number of {file}, which has {', '.join(table.names)}")
+    return replace(channel, edges_per_rev=checked_edges(f"{place} of {file}", number))
 
 
-def _checked_values(mapping: ImportMapping, channel: ChannelMapping, column: Column, file: str) -> Row:
+def _checked_values(channel: ChannelMapping, column: Column, file: str) -> Row:
     """The values of a column in the contract's unit; in memory, but those that are sampled evenly."""
-    key = f"{mapping.where}: {channel.key}.{_key(channel)} = {column.name!r}"
+    key = _place(channel, column.name)
     kind = CHANNEL_KINDS[channel.kind]
     row = changed(column.values, lambda part: part.astype(float) * channel.factor + channel.offset)
     seen = _seen(row)
@@ -201,3 +204,66 @@ def _check_levels(key: str, array: np.ndarray, seen: _Seen, file: str) -> None:
             f"{key} must hold levels 0 and 1, and goes from {seen.low:g} to {seen.high:g} in {file}; volts that have "
             f"not been cut at a threshold, or counts?"
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Counted:
+    """What a quadrature encoder's levels, or a tachometer's pulses, came to."""
+
+    times: np.ndarray  # of the edges passed forward (m,) [s]; NaN of one that was missed and not interpolated
+    length: float  # of the record [s]
+    figures: dict[str, float]
+    first_index: int = 0  # number of the first edge within its turn, where a gap of the wheel marks the turn
+
+
+def counted_edges(data: DataFile) -> dict[str, Counted]:
+    """The edges of quadrature encoders and tachometers by channel label; InputError where one does not turn on."""
+    out = {}
+    for channel in data.mapping.channels:
+        measured = data.channels[channel.label]
+        try:
+            if channel.unit == QUADRATURE:
+                levels = quadrature(*np.asarray(measured.values))
+                out[channel.label] = _of_counts(
+                    levels.counts, measured.rate, levels.illegal, levels.filled, levels.reversals
+                )
+            elif channel.unit == COUNTS:
+                out[channel.label] = _of_counts(np.asarray(measured.values).astype(np.int64), measured.rate)
+            elif channel.unit == PULSES:
+                out[channel.label] = _of_pulses(measured, channel)
+        except WindowError as error:
+            raise InputError(f"{channel.place}: {error}") from None
+    return out
+
+
+def _of_counts(
+    counts: np.ndarray, rate: float, illegal: int = 0, filled: int = 0, reversals: int | None = None
+) -> Counted:
+    """The edges of counts at every sample; `illegal` and `filled` transitions are those of the levels behind them."""
+    forward = forward_edges(counts, rate)
+    turned = np.sign(np.diff(counts)[np.diff(counts) != 0])
+    figures: dict[str, float] = {
+        "edges": forward.times.size,
+        "sense": forward.sense,
+        "reversals": int(np.count_nonzero(np.diff(turned))) if reversals is None else reversals,
+        "counts_taken_back": forward.reversed_counts,
+        "illegal_transitions": illegal,
+        "illegal_counted_as_two": filled,
+    }
+    return Counted(times=forward.times, length=counts.size / rate, figures=figures)
+
+
+def _of_pulses(measured: Measured, channel: ChannelMapping) -> Counted:
+    assert channel.pulses is not None
+    found = pulses_of(np.asarray(measured.values), measured.rate, channel.pulses)
+    figures = {
+        "edges": found.times.size,
+        "missed": found.missed,
+        "interpolated": found.filled,
+        "doubled": found.doubled,
+        "threshold": found.threshold,
+        "hysteresis": found.hysteresis,
+        "speed_hz": found.speed,
+    }
+    length = measured.values.size / measured.rate
+    return Counted(times=found.times, length=length, figures=figures, first_index=found.first_index)

@@ -21,7 +21,7 @@ import numpy as np
 
 from service.errors import InputError
 from service.files.dates import DAYS, EPOCH, SIZES, TODAY
-from service.files.import_mapping import RATES, ImportMapping
+from service.files.import_mapping import RATES
 from service.files.readers import Column, Table
 from service.files.readers.stored import PIECE, Row, StoredRow, beginning, changed, pieces
 from service.files.readers.table import group_of, rounded_rate, split_unit
@@ -68,15 +68,6 @@ class TimeAxis:
     def missing(self) -> int:
         """How many samples are missing."""
         return 0 if self.places is None else int(self.places[-1]) + 1 - self.count
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Timing:
-    """Rate and start of one column, with its even grid where the times show missing samples."""
-
-    rate: float  # [Hz]
-    start: float  # of the first value [s]
-    axis: TimeAxis | None
 
 
 def is_time(column: Column) -> bool:
@@ -306,15 +297,19 @@ def _coarse(where: str, name: str, times: Row) -> TimeAxis:
 
 
 def timing_of(
-    mapping: ImportMapping, key: str, column: Column, table: Table, axes: Sequence[TimeAxis], slow: bool
-) -> Timing:
-    """Rate and start of a sampled column; InputError where none is stated, or where two statements contradict."""
+    place: str, given: float | None, column: Column, table: Table, axes: Sequence[TimeAxis], slow: bool
+) -> tuple[float, float, TimeAxis | None]:
+    """Rate [Hz], start [s] and even grid of a sampled column; InputError where no rate is stated, or two contradict.
+
+    place  of the column's channel, for messages
+    given  rate of the mapping file [Hz]; None where it states none
+    """
     file = table.format
     own = axis_of(axes, column)
     if column.times is not None:
-        own = even_axis(f"{mapping.where}: {key}: the times of {column.name!r}", column.name, column.times)
+        own = even_axis(f"{place}: the times of {column.name!r}", column.name, column.times)
     stated = [
-        (mapping.sample_rate, f"file.sample_rate_hz = {mapping.sample_rate or 0:.9g} Hz"),
+        (given, f"file.sample_rate_hz = {given or 0:.9g} Hz"),
         (column.rate, f"the {file} file states {column.rate or 0:.9g} Hz for {column.name!r}"),
         (table.rate if column.rate is None else None, f"the {file} file states {table.rate or 0:.9g} Hz"),
         (own.rate if own else None, f"the times of {own.name if own else ''!r} give {own.rate if own else 0:.9g} Hz"),
@@ -322,33 +317,33 @@ def timing_of(
     known = [(rate, text) for rate, text in stated if rate is not None]
     if not known:
         raise InputError(
-            f"{mapping.where}: {key}: no sample rate is known: none of {_listed(table)} is recognised as the time "
+            f"{place}: no sample rate is known: none of {_listed(table)} is recognised as the time "
             f"or the rate of {column.name!r}; give file.sample_rate_hz, or file.time_column"
         )
     rate, first = known[0]
     doubt = own.uncertainty if own else 0.0
     for other, text in known[1:]:
         if abs(other / rate - 1) > max(AGREEMENT, doubt):
-            raise InputError(f"{mapping.where}: {key}: {first}, but {text}; {_cause(rate, other, mapping)}")
+            raise InputError(f"{place}: {first}, but {text}; {_cause(rate, other, given)}")
     if len(known) == 1 and doubt > AGREEMENT and not slow:
         raise InputError(
-            f"{mapping.where}: {key}: {first} ± {100 * doubt:.2g} %, and {100 * AGREEMENT:g} % is needed; give the "
+            f"{place}: {first} ± {100 * doubt:.2g} %, and {100 * AGREEMENT:g} % is needed; give the "
             f"sample rate (--rate, file.sample_rate_hz), or times of more digits"
         )
     least = SLOWEST if len(known) == 1 and own is not None and own.assumed else RATES[0]
     if not (rate > 0 if slow else rate >= least) or rate > RATES[1]:
-        raise InputError(f"{mapping.where}: {key}: {first}, which is outside [{least:g}, {RATES[1]:g}] Hz; {HINT}")
-    return Timing(rate=rate, start=own.start if own else column.start, axis=own)
+        raise InputError(f"{place}: {first}, which is outside [{least:g}, {RATES[1]:g}] Hz; {HINT}")
+    return rate, own.start if own else column.start, own
 
 
 HINT = "is the time in ms or µs? Its unit goes into the header, such as 'Time (ms)'"
 
 
-def _cause(rate: float, other: float, mapping: ImportMapping) -> str:
+def _cause(rate: float, other: float, given: float | None) -> str:
     """What would be right where two statements of a rate contradict."""
     ratio = max(rate / other, other / rate)
     if any(abs(ratio / k - 1) < AGREEMENT for k in (1e3, 1e6)):
         return HINT
-    if mapping.sample_rate is not None:
+    if given is not None:
         return "leave file.sample_rate_hz out where the file is right"
     return 'give the right one as file.sample_rate_hz, and time_column = "" where the times are wrong'

@@ -16,32 +16,32 @@ forward, stands in `import`. A frame without an edge says that the shaft stood s
 from __future__ import annotations
 
 import heapq
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 from service.errors import InputError
+from service.file_faults import whole_file
 from service.files.dates import EXAMPLE, in_zone, moment_in, without_zone
-from service.files.gear_age import age_of
-from service.files.import_channel import PULSES, QUADRATURE, ChannelMapping
-from service.files.import_check import contradicted_units, likely_mistakes
-from service.files.import_columns import DataFile, Measured, read_columns
-from service.files.import_edges import Counted, counted_edges
-from service.files.import_mapping import ImportMapping, load_import_mapping
+from service.files.import_columns import Counted, DataFile, Measured, counted_edges, read_columns
+from service.files.import_mapping import PULSES, QUADRATURE, ChannelMapping, ImportMapping, load_import_mapping
+from service.files.rig import age_of
+from service.files.units import UNITS
 from service.stream.channels import CHANNEL_KINDS, Layout
 from service.stream.frames import NS, EncoderFrame, Frame, SampleFrame
-from service.stream.wire.codec import encode, schema_data
-from service.stream.wire.topics import PREFIX, Channel, topic_of
+from service.stream.sources.mcap import Recording, windows_of
+from service.stream.sources.mcap_write import RecordingWriter
+from service.stream.wire.codec import encode
+from service.stream.wire.topics import PREFIX, Channel
+from service.toml_text import document_text
 from twin.features.level import USABLE
 from twin.gear_age import NEW, UNKNOWN
+from twin.plausibility import mistakes_of
 from twin.rig import Rig
 
 FRAME_LENGTH = 0.5  # [s]
@@ -52,14 +52,17 @@ UNKNOWN_AGE = (
 )
 CLOCK_START = datetime(1970, 1, 2, tzinfo=UTC)  # of a recording whose date is not known: no service takes it
 AGREES = 60.0  # difference of two statements of one start [s]
+EXAMINED = 3  # windows, from the first: a mistake of the installation is in all of them
+SAME = 0.01  # relative difference of two factors that are one
 
 Progress = Callable[[float, float], None]
 
 
+@np.errstate(all="ignore")  # of values that are none: what is wrong with them is said
 def import_recording(
     mapping_path: str | Path,
     out_path: str | Path,
-    progress: Progress | None = None,
+    progress: Progress = lambda done, whole: None,
     source: str | Path | None = None,
     prefix: str = PREFIX,
     age: str | None = None,
@@ -79,62 +82,45 @@ def import_recording(
     ask       for the zone of a local time for which nobody states one
     """
     mapping = load_import_mapping(mapping_path, source)
-    if started is not None and (moment := moment_in(started)) is None:
-        raise InputError(f"--started = {started!r} must be a date with a time of day, such as {EXAMPLE}")
+    data_file = mapping.path if source is None else Path(source)
+    if data_file.resolve() != mapping.path.resolve():
+        mapping = replace(mapping, started=None, age=None)  # the mapping's are those of its own file
     if started is not None:
+        if (moment := moment_in(started)) is None:
+            raise InputError(f"--started = {started!r} must be a date with a time of day, such as {EXAMPLE}")
         mapping = replace(mapping, started=moment)
-    elif source is not None and Path(source).resolve() != mapping.path.resolve():
-        mapping = replace(mapping, started=None)  # the mapping's is that of its own file
-    mapping = replace(mapping, zone=zone or mapping.zone)
-    data_file = Path(source) if source is not None else mapping.path
     if age is not None:
-        speed = mapping.rig.get("operating", {}).get("pinion_speed_hz")
-        mapping = replace(mapping, age=age_of("--age", age, speed))
-    elif source is not None and Path(source).resolve() != mapping.path.resolve():
-        mapping = replace(mapping, age=None)  # the mapping's is that of its own file
-    return written_recording(mapping, data_file, out_path, progress, prefix, ask)
-
-
-@np.errstate(all="ignore")  # of values that are none: what is wrong with them is said
-def written_recording(
-    mapping: ImportMapping,
-    data_file: Path,
-    out_path: str | Path,
-    progress: Progress | None = None,
-    prefix: str = PREFIX,
-    ask: Callable[[str], str | None] | None = None,
-) -> dict[str, Any]:
-    """Writes the recording of a checked mapping and a data file; returns what was written and what was left out."""
-    data = read_columns(mapping, data_file)
+        mapping = replace(mapping, age=age_of("--age", age, mapping.rig.get("operating", {}).get("pinion_speed_hz")))
+    data = read_columns(replace(mapping, zone=zone or mapping.zone), data_file)
     mapping = data.mapping
     imported = [c for c in mapping.channels if not c.left_out]
     if not imported:
         kinds = ", ".join(kind.quantity for kind in CHANNEL_KINDS.values())
         raise InputError(f"{mapping.where}: channels: none is imported; quantities with a channel are {kinds}")
     began, undated = _began(data, data_file, ask)
-    started = began or CLOCK_START
+    first = began or CLOCK_START
     counted = counted_edges(data)
-    frames = _all_frames(data, imported, counted, int(started.timestamp()) * NS + started.microsecond * 1000)
-    notes = _notes(data, data_file, counted)
-    notes |= {"started": undated} if undated else {}
-    rig, said = with_age(mapping)
-    notes |= {"age": said} if said else {}
+    frames = _all_frames(data, imported, counted, int(first.timestamp()) * NS + first.microsecond * 1000)
+    rig, of_age = with_age(mapping)
+    notes = _notes(data, data_file, counted) | {k: v for k, v in (("started", undated), ("age", of_age)) if v}
     metadata = {
         "asset": mapping.asset,
         "description": mapping.description,
         "started": began.isoformat() if began else "",
     }
-    rig = with_sensors(rig, imported, data)
-    lengths = (m.start + m.values.shape[-1] / m.rate for m in data.channels.values() if m.rate > 0)
-    whole = max(lengths, default=0.0)
-    told = None if progress is None else partial(_told, progress, whole)
-    written = write_recording(out_path, frames, metadata, notes, to_toml(rig), told, prefix)
+    rig_text = document_text(with_sensors(rig, imported, data)).encode()
+    whole = max((m.start + m.values.shape[-1] / m.rate for m in data.channels.values() if m.rate > 0), default=0.0)
+    with (
+        whole_file(out_path) as part,
+        RecordingWriter(part, rig_text=rig_text, metadata=metadata, imported=notes, prefix=prefix) as writer,
+    ):
+        count, seconds = _write_frames(writer, frames, lambda done: progress(done, whole))
     return {
         "recording": str(out_path),
         "asset": mapping.asset,
         "source": str(data_file),
-        "frames": written.frames,
-        "duration": (written.last - written.first) / NS,
+        "frames": count,
+        "duration": seconds,
         "channels": {c.label: c.unit for c in imported},
         "left_out": {c.label: c.left_out for c in mapping.channels if c.left_out},
         "encoders": {label: counts.figures for label, counts in counted.items()},
@@ -146,10 +132,6 @@ def written_recording(
             *likely_mistakes(Path(out_path), prefix),
         ],
     }
-
-
-def _told(progress: Progress, whole: float, done: float) -> None:
-    progress(done, whole)
 
 
 def _began(data: DataFile, data_file: Path, ask: Callable[[str], str | None] | None) -> tuple[datetime | None, str]:
@@ -234,7 +216,6 @@ def _all_frames(
 
 def _frames_of(data: DataFile, channel: ChannelMapping, found: Counted | None, start_ns: int) -> Iterator[Frame]:
     """The frames of one channel."""
-    where = f"{data.mapping.where}: {channel.key}"
     address = Channel(data.mapping.asset, channel.kind, channel.name)
     measured = data.channels[channel.label]
     begin = start_ns + round(measured.start * NS)
@@ -243,12 +224,12 @@ def _frames_of(data: DataFile, channel: ChannelMapping, found: Counted | None, s
         return _edge_frames(channel.edges_per_rev, address, found.times, begin, first, found.length)
     if CHANNEL_KINDS[channel.kind].layout is Layout.EDGES:
         if measured.values[0] < 0:
-            raise InputError(f"{where}: edge times begin at {measured.values[0]:g} s, before 0")
+            raise InputError(f"{channel.place}: edge times begin at {measured.values[0]:g} s, before 0")
         first = channel.first_edge_index or 0
         return _edge_frames(channel.edges_per_rev, address, np.asarray(measured.values), start_ns, first)
     if CHANNEL_KINDS[channel.kind].slow:
         return _slow_frames(address, measured, begin)
-    return _sample_frames(where, address, measured, begin)
+    return _sample_frames(channel.place, address, measured, begin)
 
 
 def _sample_frames(where: str, address: Channel, measured: Measured, start_ns: int) -> Iterator[SampleFrame]:
@@ -385,97 +366,54 @@ def _count_note(channel: ChannelMapping, figures: Mapping[str, float]) -> str:
     return f"{said}, in which both levels changed: {filled} counted as two" if illegal else said
 
 
-@dataclass(slots=True)
-class Written:
-    """What has been written of a recording: frames, the first start and the last end [ns]."""
-
-    frames: int = 0
-    first: int = 2**63
-    last: int = 0
-
-
-def write_recording(
-    out_path: str | Path,
-    frames: Iterator[Frame],
-    metadata: Mapping[str, str],
-    notes: Mapping[str, str],
-    rig_toml: str,
-    progress: Callable[[float], None] | None = None,
-    prefix: str = PREFIX,
-) -> Written:
-    """An MCAP file by the contract, section 2; written under another name and renamed when complete."""
-    out_path = Path(out_path)
-    unfinished = out_path.with_name(out_path.name + ".part")
-    try:
-        with unfinished.open("wb") as file:
-            writer = Writer(file, compression=CompressionType.ZSTD)
-            writer.start(profile="", library="gear-twin import")
-            writer.add_metadata("recording", dict(metadata))
-            writer.add_metadata("import", dict(notes))
-            first = next(frames)
-            writer.add_attachment(
-                create_time=first.start_time_ns,
-                log_time=first.start_time_ns,
-                name="rig.toml",
-                media_type="application/toml",
-                data=rig_toml.encode(),
-            )
-            written = _write_frames(writer, chain([first], frames), progress, prefix)
-            writer.finish()
-        unfinished.replace(out_path)
-    except OSError as error:
-        reason = (error.strerror or "fault").lower()
-        raise InputError(f"{out_path}: the recording cannot be written: {reason}") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return written
-
-
 def _write_frames(
-    writer: Writer, frames: Iterator[Frame], progress: Callable[[float], None] | None, prefix: str
-) -> Written:
-    schemas: dict[str, int] = {}
-    channels: dict[Channel, int] = {}
-    written = Written()
+    writer: RecordingWriter, frames: Iterable[Frame], progress: Callable[[float], None]
+) -> tuple[int, float]:
+    """How many frames were written, and the time from the first start to the last end [s]."""
+    count, first, last, seconds = 0, 2**63, 0, 0.0
     for frame in frames:
-        channel, schema = frame.channel, CHANNEL_KINDS[frame.channel.kind].schema
-        if schema not in schemas:
-            schemas[schema] = writer.register_schema(name=schema, encoding="protobuf", data=schema_data())
-        if channel not in channels:
-            channels[channel] = writer.register_channel(
-                topic=topic_of(channel, prefix), message_encoding="protobuf", schema_id=schemas[schema]
+        writer.write(frame.channel, frame.end_time_ns, encode(frame))
+        first, last = min(first, frame.start_time_ns), max(last, frame.end_time_ns)
+        count, seconds = count + 1, (last - first) / NS
+        progress(seconds)
+    return count, seconds
+
+
+def likely_mistakes(recording: Path, prefix: str) -> list[str]:
+    """A line for each fault and each likely mistake of a recording's windows, each once."""
+    lines: dict[tuple[str, ...], str] = {}  # windows of one recording repeat a mistake with other figures
+    with Recording(recording, prefix) as opened:
+        known = Rig.from_mapping(opened.rig() or {})
+        for number, window in enumerate(windows_of(opened)):
+            for fault in window.faults:
+                said = f"{fault.channel}: {fault.kind.replace('_', ' ')}" + (
+                    f", {fault.detail}" if fault.detail else ""
+                )
+                lines.setdefault((fault.channel, fault.kind), said)
+            if number < EXAMINED:
+                for mistake in mistakes_of(known, window):
+                    lines.setdefault((*mistake.channels, mistake.kind), mistake.text)
+    return list(lines.values())
+
+
+def contradicted_units(channels: Iterable[ChannelMapping], units: Mapping[str, str]) -> Iterator[str]:
+    """A line for each channel whose unit in the mapping is not the one that the data file states (`units` by label)."""
+    for channel in channels:
+        stated = units[channel.label]
+        known = UNITS.get(stated.strip().lower())
+        if known is None or channel.unit in ("V", "unknown", "pulses", "quadrature", "s"):
+            continue
+        kind, unit, scale = known
+        if kind != channel.kind:
+            yield (
+                f"{channel.key}: the file states {stated} for {channel.columns[0]!r}, which is no {channel.kind}: "
+                f"columns exchanged?"
             )
-        writer.add_message(
-            channel_id=channels[channel],
-            log_time=frame.end_time_ns,
-            publish_time=frame.end_time_ns,
-            sequence=frame.sequence,
-            data=encode(frame),
-        )
-        written.frames += 1
-        written.first = min(written.first, frame.start_time_ns)
-        written.last = max(written.last, frame.end_time_ns)
-        if progress:
-            progress((written.last - written.first) / NS)
-    return written
-
-
-def to_toml(mapping: Mapping[str, Any], path: str = "") -> str:
-    """A mapping of text, numbers, lists and tables as TOML."""
-    own = [f"{key} = {toml_value(value)}" for key, value in mapping.items() if not isinstance(value, Mapping)]
-    head = [f"[{path}]"] if path and own else []
-    lines = ["\n".join(head + own)] if own else []
-    for key, value in mapping.items():
-        if isinstance(value, Mapping):
-            lines.append(to_toml(value, f"{path}.{key}" if path else key).rstrip("\n"))
-    return "\n\n".join(part for part in lines if part) + "\n"
-
-
-def toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(toml_value(v) for v in value)}]"
-    return repr(value)
+            continue
+        ratio = abs(channel.factor) / abs(CHANNEL_KINDS[kind].import_units[unit].factor * scale)
+        if abs(ratio - 1) > SAME:
+            size = f"{ratio:.4g} times" if ratio > 1 else f"1/{1 / ratio:.4g} of"
+            yield (
+                f"{channel.key}.unit = {channel.unit!r}: the file states {stated} for {channel.columns[0]!r}, and the "
+                f"values come out {size} that; which is right?"
+            )

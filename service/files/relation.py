@@ -6,7 +6,6 @@ hold for, and what they are of: asset, causes beside the twin, and sensor and ba
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from service.errors import InputError
+from service.file_faults import json_of_file
 from service.files.series import Series
 from service.json_text import json_text, plain, write_text
 from twin.errors import ParameterError
@@ -232,12 +232,7 @@ def save_relation(series: Series, tried: Tried, path: Path) -> None:
 
 def read_relation(path: Path) -> Relation:
     """A relation from its file; InputError where it is none."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a relation of `gear-twin relate`: {error}") from None
+    data = json_of_file(path, "a relation of `gear-twin relate`")
     if not isinstance(data, Mapping) or data.get("schema") != SCHEMA:
         raise InputError(f"{path}: not a relation of `gear-twin relate`: its schema is not {SCHEMA!r}")
     try:

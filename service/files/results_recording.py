@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from service.errors import FrameError, InputError
+from service.file_faults import whole_file
 from service.json_text import json_text, write_text
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.frames import NS, Frame, SampleFrame
@@ -70,7 +71,10 @@ def write_results(
     signals: dict[str, str] = {}  # topic → unit
     with Recording(source, prefix) as recording:
         about = {**recording.metadata, "results": "gear-twin assess"}
-        with RecordingWriter(out, rig_text=recording.rig_text, metadata=about, prefix=prefix) as writer:
+        with (
+            whole_file(out) as part,
+            RecordingWriter(part, rig_text=recording.rig_text, metadata=about, prefix=prefix) as writer,
+        ):
             for raw in recording.messages():
                 if raw.channel.asset != asset:
                     continue

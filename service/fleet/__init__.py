@@ -1,4 +1,4 @@
-"""Many machines: partitions of assets, each served by the pipeline of `gear-twin serve`, placed and restarted by Ray.
+"""Many machines: any number of hosts with the roles of `gear-twin serve`, over one database of PostgreSQL.
 
 Needs the extra `gear-twin[fleet]`; nothing else in the service imports this package.
 """

@@ -1,83 +1,49 @@
-"""A partition as an actor of Ray, which starts it again wherever there is room when its process or its node ends.
+"""A host as an actor of Ray, which starts it again when its process ends.
 
 Only `engine` imports this file, in a process that uses Ray; Ray's workers load it with the actor.
 """
 
 from __future__ import annotations
 
-import logging
 import os
+import pickle
+import subprocess
+import sys
 import threading
-from collections.abc import Callable, Sequence
-from importlib import import_module
+from contextlib import suppress
 
-import ray
+from service.fleet.host import BEGIN, Host
+from service.fleet.layout import END_WAIT
 
-from service.errors import NewerTables, StoreError
-from service.fleet.layout import END_WAIT, Condition, Layout
-from service.fleet.partition import serve_partition
-from service.logs import logging_by
-from service.operation.health import Late
-from service.runtime.twin_port import Twin
-from service.settings import Settings
-
-log = logging.getLogger(__name__)
-
-FAILED = 70  # exit status of a process whose partition could not go on: EX_SOFTWARE
-NEWER_WAIT = 30.0  # before a partition with tables of a newer release is tried again, maybe on another node [s]
+FAILED = 70  # exit status of a process whose host could not go on: EX_SOFTWARE
 
 
-class PartitionActor:
-    """Serves one partition from its begin to its end, in a thread of its own."""
+class HostActor:
+    """Has a process of its own be a host, from its begin to its end: Ray's own processes have threads, and the
+    supervisor of roles must have none.
+    """
 
-    def __init__(self, settings: Settings, partition: int, layout: Layout, twin_from: str | None = None) -> None:
-        """twin_from  module and name of the twin, `module:name`; None for the twin itself"""
-        self._partition = partition
-        self._node = ray.get_runtime_context().get_node_id()
-        self._stop = threading.Event()
-        self._late: Callable[[], Sequence[Late]] | None = None  # once the partition has been taken
-        self._ended = False  # on demand
-        given = settings, partition, layout, twin_from
-        self._thread = threading.Thread(target=self._serve, args=given, name="partition", daemon=True)
+    def __init__(self, host: Host) -> None:
+        path = os.pathsep.join(map(os.path.abspath, sys.path))
+        self._ending, self._began = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._serve, args=(host, path), name="host", daemon=True)
         self._thread.start()
-
-    def condition(self) -> Condition:
-        """How the partition is; answered once the actor has been placed."""
-        late = () if self._late is None else tuple(map(str, self._late()))
-        return Condition(node=self._node, served=self._late is not None, late=late)
+        self._began.wait()
 
     def end(self) -> None:
         """Ends the work: what is committed stays, and what waits is left to the next start."""
-        self._ended = True
-        self._stop.set()
+        self._ending.set()
+        self._process.terminate()
         self._thread.join(END_WAIT)
 
-    def _serve(self, settings: Settings, partition: int, layout: Layout, twin_from: str | None) -> None:
-        with logging_by(settings):
-            try:
-                serve_partition(
-                    settings, partition, layout, self._stop, node=self._node[:12], twin=_twin(twin_from),
-                    at_work=self._is_at_work,
-                )  # fmt: skip
-            except StoreError as error:
-                newer = isinstance(error, NewerTables) or isinstance(error.__cause__, NewerTables)
-                log.error("partition %d cannot be served by this release: %s", partition, error, exc_info=not newer)
-                if newer:
-                    self._stop.wait(NEWER_WAIT)
-            except BaseException:
-                log.exception("partition %d cannot go on: its process ends, and is started again", partition)
-        if not self._ended:
-            logging.shutdown()
+    def _serve(self, host: Host, path: str) -> None:
+        """Waits for the end of the process, which the kernel ends with this thread."""
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", BEGIN, str(os.getpid())], stdin=subprocess.PIPE,
+            env=os.environ | {"PYTHONSAFEPATH": "1", "PYTHONPATH": path},
+        )  # fmt: skip
+        self._began.set()
+        with suppress(BrokenPipeError):  # it has ended already
+            self._process.communicate(pickle.dumps(host))
+        if not self._ending.is_set():
             os._exit(FAILED)
-
-    def _is_at_work(self, late: Callable[[], Sequence[Late]]) -> None:
-        self._late = late
-
-
-def _twin(twin_from: str | None) -> Twin | None:
-    if twin_from is None:
-        return None
-    module, _, name = twin_from.partition(":")
-    twin = getattr(import_module(module), name)
-    assert isinstance(twin, Twin)
-    return twin

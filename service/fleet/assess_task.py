@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from service import __version__
 from service.errors import FAULT, InputError, StoreError
-from service.files.recorded_rig import choose_asset, rig_of
+from service.files.rig import choose_asset, rig_of
 from service.fleet.segments import Segments
 from service.json_text import json_text
 from service.results.object_store import ObjectStore

@@ -1,4 +1,4 @@
-"""Which partitions are served, by whom, and how they are: as their workers say it in the tables."""
+"""Which partitions are served, by whom, and how they are: as whoever receives their frames says it in the tables."""
 
 from __future__ import annotations
 
@@ -10,47 +10,41 @@ from typing import Any
 import sqlalchemy as sa
 
 from service.contract.base import iso_time
-from service.fleet.heartbeat import SILENT
-from service.fleet.layout import ASSETS_A_PARTITION, PARTITIONS, SERVER_NOW
+from service.fleet.layout import ASSETS_A_PARTITION, PARTITIONS
+from service.results.roles import INGEST, Role, Roles
 from service.results.schema import ASSETS
-from service.results.store import Tables
 
-NS = 1_000_000_000
-_ALL = sa.select(PARTITIONS, (SERVER_NOW - PARTITIONS.c.seen_ns).label("silent_ns")).order_by(PARTITIONS.c.number)
+_ALL = sa.select(PARTITIONS.c.number, PARTITIONS.c.token).order_by(PARTITIONS.c.number)
 _COUNTS = sa.select(ASSETS.c.share, ASSETS.c.level, sa.func.count()).group_by(ASSETS.c.share, ASSETS.c.level)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Partition:
-    """One partition, and what its worker has said last.
+    """One partition.
 
-    token     of whoever may commit
-    taken_ns  since when [Unix time, ns]
+    token   of whoever may commit
+    ingest  what whoever receives its frames says of itself; None where nobody has said anything since it was taken
     """
 
     number: int
     token: int
-    worker: str | None
-    node: str | None
-    taken_ns: int | None
-    served: bool
-    figures: Mapping[str, Any]
+    ingest: Role | None
+
+    @property
+    def served(self) -> bool:
+        return self.ingest is not None and self.ingest.lives
 
     @property
     def not_ready(self) -> str | None:
-        """Why the worker takes no frames, or None."""
-        return self.figures.get("not_ready")
+        """Why no frames are taken, or None."""
+        return None if self.ingest is None else self.ingest.not_ready
 
 
-def partitions(database: Tables) -> list[Partition]:
+def partitions(roles: Roles) -> list[Partition]:
     """All partitions, by number."""
-    return [
-        Partition(
-            number=row.number, token=row.token, worker=row.worker, node=row.node, taken_ns=row.taken_ns,
-            served=row.silent_ns is not None and row.silent_ns <= SILENT * NS, figures=row.figures or {},
-        )
-        for row in database.rows(_ALL)
-    ]  # fmt: skip
+    known = {role.share: role for role in roles.look() if role.role == INGEST}
+    found = roles.database.rows(_ALL)
+    return [Partition(number=number, token=token, ingest=known.get(number)) for number, token in found]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +59,7 @@ class Census:
 
     @property
     def not_served(self) -> list[int]:
-        """Partitions without a worker."""
+        """Partitions whose frames nobody receives."""
         return [row["partition"] for row in self.partitions if not row["served"]]
 
     @property
@@ -82,24 +76,25 @@ class Census:
         }
 
 
-def census(database: Tables) -> Census:
+def census(roles: Roles) -> Census:
     """What the tables say now."""
     counts, levels = Counter[int](), Counter[str]()
-    for number, level, count in database.rows(_COUNTS):
+    for number, level, count in roles.database.rows(_COUNTS):
         counts[number] += count
         levels[level] += count
     rows = tuple(
         {
             "partition": found.number,
             "served": found.served,
-            "node": found.node,
-            "worker": found.worker,
-            "since": None if found.taken_ns is None else iso_time(found.taken_ns),
+            "node": ingest and ingest.node,
+            "worker": ingest and ingest.host,
+            "since": ingest and iso_time(ingest.began_ns),
             "assets": counts.get(found.number, 0),
-            "waiting": int(found.figures.get("backlog_windows", 0)),
+            "waiting": int(ingest.figures.get("backlog_windows", 0)) if ingest else 0,
             "not_ready": found.not_ready,
             "token": found.token,
         }
-        for found in partitions(database)
+        for found in partitions(roles)
+        for ingest in (found.ingest,)
     )
     return Census(partitions=rows, assets=levels)

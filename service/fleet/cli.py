@@ -125,17 +125,15 @@ def work_of(
     from hashlib import sha256
 
     from service.cli.assessing import prefix_of, settings_of, windowing
-    from service.errors import InputError
+    from service.file_faults import reading
     from service.files.rig import load_rig
     from service.fleet.assess_task import Work
     from service.json_text import plain
     from service.runtime.by_settings import detectability_files, options_of
 
     def content(path: Path) -> bytes:
-        try:
+        with reading(path):
             return path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
 
     def digest(path: Path | None) -> str | None:
         return None if path is None else sha256(content(path)).hexdigest()

@@ -1,4 +1,4 @@
-"""`gear-twin fleet`: many machines, served by partitions on an engine, over one PostgreSQL database."""
+"""`gear-twin fleet`: many machines, served by any number of hosts over one PostgreSQL database."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ app.registered_commands += assessing.registered_commands
 
 Database = Annotated[str | None, typer.Option(help="URL of the fleet's PostgreSQL database.", envvar=None)]
 Data = Annotated[Path | None, typer.Option(help="Folder that all nodes reach; default: .gear-twin.")]
-Address = Annotated[str | None, typer.Option(help="HOST:PORT of a cluster of Ray; default: this machine alone.")]
+Address = Annotated[
+    str | None,
+    typer.Option(help="HOST:PORT of a cluster of Ray, whose nodes are the hosts; default: this machine alone."),
+]
 JsonFile = Annotated[
     Path | None, typer.Option("--json", help="Write the answer as JSON to this file; - is standard output.")
 ]
@@ -41,12 +44,15 @@ def up(
     http: Annotated[str | None, typer.Option(help="HOST:PORT of REST and the page; default: 127.0.0.1:8080.")] = None,
     rig: Annotated[Path | None, typer.Option(help="Rig file of all assets that no other names.")] = None,
     no_front: Annotated[
-        bool, typer.Option("--no-front", help="Serve no HTTP here: front ends run elsewhere (gear-twin fleet front).")
+        bool,
+        typer.Option(
+            "--no-front", help="Serve no HTTP on this machine: front ends run elsewhere (gear-twin fleet front)."
+        ),
     ] = False,
     data: Data = None,
     config: ConfigFile = None,
 ) -> None:
-    """Have Ray run the fleet, here or on a cluster, until Ctrl-C. All settings: `gear-twin config`."""
+    """Run the fleet, on this machine or on a cluster of Ray, until Ctrl-C. All settings: `gear-twin config`."""
     from service.fleet.up import prepared
     from service.fleet.up import up as run
     from service.logs import logging_by
@@ -57,6 +63,29 @@ def up(
     )  # fmt: skip
     with logging_by(settings):
         run(settings, prepared(settings), front=not no_front, announce=lambda line: print(line, flush=True))
+
+
+@app.command()
+def host(
+    name: Annotated[
+        str | None,
+        typer.Option(help="Name by which it leases partitions, which no other host has; default: this computer's."),
+    ] = None,
+    database: Database = None,
+    data: Data = None,
+    config: ConfigFile = None,
+) -> None:
+    """Be one of any number of hosts of the fleet until Ctrl-C: compute, and receive the frames of leased partitions."""
+    import socket
+
+    from service.fleet.host import Host
+    from service.fleet.up import prepared
+    from service.logs import logging_by
+    from service.termination import until_told
+
+    settings = _settings(database=database, data=data, config=config)
+    with logging_by(settings), until_told() as stop:
+        Host(settings=settings, layout=prepared(settings), name=name or socket.gethostname()).serve(stop)
 
 
 @app.command()
@@ -82,7 +111,7 @@ def router(
     ] = None,
     config: ConfigFile = None,
 ) -> None:
-    """Route the frames of the fleet until Ctrl-C: between publishers and the workers of all machines."""
+    """Route the frames of the fleet until Ctrl-C: between publishers and all hosts."""
     from service.fleet.router import route
     from service.logs import logging_by
 
@@ -93,13 +122,16 @@ def router(
 
 @app.command()
 def status(database: Database = None, config: ConfigFile = None, json: JsonFile = None) -> int:
-    """Print which partitions are served, by which node, with how many assets; the exit status is 1 where one is not."""
+    """Print which partitions are served, by which host, with how many assets; the exit status is 1 where one is not."""
     from service.fleet.census import census
     from service.fleet.show import print_status
     from service.json_text import wrote_json
+    from service.results.roles import Roles
 
     with _opened(_settings(database=database, config=config)) as store:
-        found = census(store.database)
+        roles = Roles(store.database)
+        roles.settle()
+        found = census(roles)
     if not wrote_json(found.to_dict(), json):
         print_status(found)
     return 1 if found.not_served else 0
@@ -126,7 +158,7 @@ def key(
 
 @app.command()
 def down(database: Database = None, address: Address = None, data: Data = None, config: ConfigFile = None) -> None:
-    """End all partitions in good order: what is committed stays, and what waits is left to the next start."""
+    """End all hosts in good order: what is committed stays, and what waits is left to the next start."""
     from service.errors import DeliveryError
     from service.fleet.databases import layout_at
     from service.fleet.engine import Engine
@@ -143,11 +175,9 @@ def down(database: Database = None, address: Address = None, data: Data = None, 
                 raise DeliveryError(f"fleet up, process {process}, has not ended within {DOWN_WITHIN:g} s")
             time.sleep(0.1)
     else:
-        layout = layout_at(database_of(settings))
+        layout_at(database_of(settings))
         with ray_session(settings.fleet_address) as ray:
-            engine = Engine(ray, settings, layout)
-            engine.find()
-            engine.end()
+            Engine(ray).end()
     print("the fleet has ended")
 
 

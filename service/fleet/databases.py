@@ -1,32 +1,36 @@
-"""How a fleet's tables are connected to: by the worker that has a partition, and by the front ends.
+"""How a fleet's tables are connected to: by whoever has a partition, and by all others.
 
 Both are backends of `service.results.database.Database`, so that every store of the service works on a fleet as it does
-on a database of its own: a worker's on its share of the assets, a front end's on all of them.
+on a database of its own: on one partition's share of the assets, or on all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import sqlalchemy as sa
 from sqlalchemy import Connection, Engine, event
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.pool import NullPool
 
 from service.errors import StoreError
-from service.fleet.fence import ABANDONED, Fence, locked
+from service.fleet.fence import ABANDONED, Fence
 from service.fleet.layout import SCHEMA, Layout, expect_revision, layout_of
-from service.fleet.notices import ASSET, NAMED, announce, say
+from service.fleet.naming import NAMED
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.commit_marks import Mark
-from service.results.sql_store import SqlStore
+from service.results.commit_watch import CHANNEL
+from service.results.database import Database
+from service.results.schema import ASSETS
 from service.results.storage_faults import storage_error
 
-READERS = 2  # connections of one worker that are kept for reading; as many more are opened when needed
-FRONT_READERS, FRONT_WRITERS = 8, 2  # connections of one front end that are kept; as many more when needed
+READERS = 2  # connections that are kept for reading; twice as many more are opened when needed
+FRONT_READERS, FRONT_WRITERS = 8, 4  # those of one front end; threads of it that write at the same time
+_SHARE = sa.select(ASSETS.c.share).where(ASSETS.c.asset == sa.bindparam("of"))
 _OPTIONS = f"-c idle_in_transaction_session_timeout={ABANDONED} -c search_path={SCHEMA}"
 
 
@@ -73,11 +77,20 @@ def layout_at(database: str) -> Layout:
 
 
 @dataclass(slots=True, kw_only=True)
-class _FleetTables(Postgresql):
-    """What workers and front ends have in common."""
+class FleetTables(Postgresql):
+    """For whoever works on the assets of all partitions, or records those of one.
+
+    called   how the server shows its sessions
+    share    the partition
+    readers  connections that are kept for reading; as many more when needed
+    writers  threads that write at the same time
+    """
 
     layout: Layout
+    called: str
     share: int | None = None
+    readers: int = READERS
+    writers: int = 1
     upgrades: bool = False
 
     @property
@@ -91,31 +104,37 @@ class _FleetTables(Postgresql):
 
     def named(self, db: Connection, asset: str, name: str) -> None:
         """Says it where the name hashes to another partition than that of the asset."""
-        hashed = self.layout.partition_of(name)
-        if self.share not in (None, hashed):
-            for each in (self.share, hashed):
-                announce(db, each, NAMED, name)
+        if db.execute(_SHARE, {"of": asset}).scalar() != self.layout.partition_of(name):
+            db.execute(sa.text("SELECT pg_notify(:channel, :named)"), {"channel": CHANNEL, "named": NAMED})
 
-    def shown(self, db: Connection, assets: Sequence[str]) -> None:
-        say(db, assets)
+    def engines(self) -> tuple[Engine, Engine]:
+        """For transactions and for reading."""
+        pool = {"pool_size": self.readers, "max_overflow": 2 * self.readers, "pool_timeout": LOCK_WAIT}
+        reader = self.engine(STATEMENT_WAIT, self.called, **pool)
+        return self._claiming or self._writing(), reader.execution_options(isolation_level="AUTOCOMMIT")
 
-    def _writing(self, name: str, **pool: Any) -> Engine:
+    def begun(self, db: Connection) -> None:
+        expect_revision(db)
+
+    def _writing(self) -> Engine:
         """Connections whose commits outlive a crash of the server from the first one on."""
-        engine = self.engine(STATEMENT_WAIT, name, pool_timeout=LOCK_WAIT, **pool)
+        engine = self.engine(
+            STATEMENT_WAIT, self.called, pool_size=self.writers, max_overflow=0, pool_timeout=LOCK_WAIT
+        )
         event.listen(engine, "connect", keep_commits)
         return engine
 
 
 @dataclass(slots=True, kw_only=True)
-class WorkerTables(_FleetTables):
-    """For the worker that takes a partition: what it writes is fenced."""
+class PartitionTables(FleetTables):
+    """For whoever takes a partition and receives its frames: what it writes is fenced."""
 
     fence: Fence
     _mark: Mark | None = None  # of the present transaction
 
     def claim(self) -> None:
         """Takes the partition from whoever has it."""
-        engine = self._writing(self.fence.application, pool_size=1, max_overflow=0)
+        engine = self._writing()
         try:
             with engine.begin() as db:
                 self.fence.take(db)
@@ -123,13 +142,6 @@ class WorkerTables(_FleetTables):
             engine.dispose()
             raise
         self._claiming = engine
-
-    def engines(self) -> tuple[Engine, Engine]:
-        """For transactions, of one connection, and for reading."""
-        assert self._claiming is not None
-        pool = {"pool_size": READERS, "max_overflow": 2 * READERS, "pool_timeout": LOCK_WAIT}
-        reader = self.engine(STATEMENT_WAIT, self.fence.application, **pool)
-        return self._claiming, reader.execution_options(isolation_level="AUTOCOMMIT")
 
     def begun(self, db: Connection) -> None:
         self._mark = self.fence.marked(db, *self.next_transaction())
@@ -139,47 +151,23 @@ class WorkerTables(_FleetTables):
         return self._mark
 
 
-@dataclass(slots=True, kw_only=True)
-class FrontTables(_FleetTables):
-    """For a front end, whose threads write at the same time; what they write is announced to the asset's worker."""
-
-    writers: int = 2 * FRONT_WRITERS
-
-    def engines(self) -> tuple[Engine, Engine]:
-        """For transactions and for reading."""
-        name, pool = "gear-twin front end", {"pool_size": FRONT_READERS, "max_overflow": FRONT_READERS}
-        reader = self.engine(STATEMENT_WAIT, name, pool_timeout=LOCK_WAIT, **pool)
-        writer = self._writing(name, pool_size=FRONT_WRITERS, max_overflow=FRONT_WRITERS)
-        return writer, reader.execution_options(isolation_level="AUTOCOMMIT")
-
-    def begun(self, db: Connection) -> None:
-        expect_revision(db)
-
-    def turn(self, db: Connection, asset: str) -> None:
-        """Takes its turn among the transactions of the asset's worker, which looks at the asset afterwards."""
-        announce(db, locked(db, asset, self.layout.partition_of(asset)), ASSET, asset)
+def partition_tables(database: str, fence: Fence, layout: Layout) -> PartitionTables:
+    """The tables for whoever takes a partition, to be opened with `claimed=True`."""
+    return PartitionTables(
+        tables_at(database), share=fence.partition, fence=fence, layout=layout, called=fence.application
+    )
 
 
-def worker_tables(database: str, fence: Fence, layout: Layout) -> WorkerTables:
-    """The tables for the worker of a partition, to be opened with `claimed=True`."""
-    return WorkerTables(tables_at(database), share=fence.partition, fence=fence, layout=layout)
+def fleet_tables(database: str, layout: Layout, called: str, share: int | None = None) -> Database:
+    """The tables for another process of a host.
+
+    share  the partition of whoever records one
+    """
+    return Database(FleetTables(tables_at(database), layout=layout, called=called, share=share), shared=True)
 
 
-@dataclass(slots=True, kw_only=True)
-class _JoinedTables(WorkerTables):
-    """For another process of the worker that has taken a partition: as long as that worker has it."""
-
-    def engines(self) -> tuple[Engine, Engine]:
-        self._claiming = self._writing(self.fence.application, pool_size=1, max_overflow=0)
-        return WorkerTables.engines(self)  # `super` does not find itself in a class with slots
-
-
-def joined(database: str, fence: Fence, layout: Layout) -> SqlStore:
-    """The results of a partition for a process that computes, as long as the worker has the partition."""
-    own = _JoinedTables(tables_at(database), share=fence.partition, fence=fence, layout=layout)
-    return SqlStore(own, shared=True)
-
-
-def front_tables(database: str, layout: Layout) -> FrontTables:
-    """The tables for a front end."""
-    return FrontTables(tables_at(database), layout=layout)
+def front_tables(database: str, layout: Layout) -> FleetTables:
+    """The tables for a front end, whose threads write at the same time."""
+    return FleetTables(
+        tables_at(database), layout=layout, called="gear-twin front end", readers=FRONT_READERS, writers=FRONT_WRITERS
+    )

@@ -1,84 +1,34 @@
 """A front end of a fleet: the whole of REST and the page, from the fleet's database. It keeps nothing itself.
 
 Any number of front ends may run at the same time, and each may end at any time. What people decide is carried out by
-the worker of the asset's partition.
+the workers of the hosts.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import dataclass
+from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from service.alarms.keeper import AlarmKeeper
-from service.alarms.rules import rules_at
-from service.api import create_app
-from service.api.incoming import Incoming
-from service.errors import StoreError
-from service.fleet.databases import front_tables, layout_at
-from service.fleet.front_position import position_of
-from service.fleet.front_watch import FrontWatch
-from service.fleet.layout import Layout, folder_of, share_of
-from service.operation.health import FLEET, Health
-from service.operation.systemd import READY, STOPPING, notify
-from service.results.alarm_store import AlarmStore
+from service.contract.position import PositionModel
+from service.errors import NewerTables, StoreError
+from service.fleet.census import Partition, partitions
+from service.fleet.databases import FleetTables, front_tables, layout_at
+from service.fleet.layout import look, share_of
+from service.operation.health import FLEET, Late
 from service.results.asset_table import AssetTable
-from service.results.audit_log import AuditLog
-from service.results.baseline_store import BaselineStore
-from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.job_queue import JobQueue
-from service.results.jobs import Jobs
-from service.results.kept_signals import KeptSignals
+from service.results.roles import ANSWER, Roles
 from service.results.sql_store import SqlStore
 from service.runtime import SERVES
-from service.runtime.admission import access_of, front_of, limits_of
-from service.runtime.all_figures import figures_of
-from service.runtime.http_server import HttpServer, address_of, listening_at
-from service.runtime.serve import turns_of
-from service.runtime.storage_wait import StoppedWaiting, opened
+from service.runtime.answer import Answering, stored_position
+from service.runtime.role_process import Context, Others
 from service.settings import Settings
 
-DECIDED_WITHIN = 0.5  # how often who waits for a decision looks whether it is done [s]
-AUDIT_LOCK = 7_219_434  # of whoever adds an entry; other numbers are in `layout`, `claims` and `migrate`
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrontEnd(AbstractContextManager["FrontEnd"]):
-    """What a front end answers from; closed when it is left."""
-
-    layout: Layout
-    store: SqlStore
-    alarms: AlarmKeeper
-    table: AssetTable
-    queue: JobQueue
-    watch: FrontWatch
-
-    @classmethod
-    def of(cls, settings: Settings) -> FrontEnd:
-        """Connects to the fleet. StorageUnavailable where its server is away, StoreError where there is no fleet."""
-        if settings.database is None:
-            raise StoreError("the setting database must name the fleet's database: postgresql://user@host/name")
-        database = settings.database.get_secret_value()
-        layout = layout_at(database)
-        store = SqlStore(front_tables(database, layout))
-        alarms = AlarmKeeper(AlarmStore(store.database), rules_at(settings.alarm_rules), settings.webhooks)
-        table = AssetTable(store, alarms)
-        queue = JobQueue(Jobs(store.database), DECIDED_WITHIN)
-        watch = FrontWatch(database, store.database, table, queue.done)
-        return cls(layout=layout, store=store, alarms=alarms, table=table, queue=queue, watch=watch)
-
-    def end(self) -> None:
-        """Ends every wait."""
-        self.queue.close()
-        self.table.close()
-
-    def __exit__(self, *_: object) -> None:
-        self.watch.end()
-        self.store.close()
+LOOK_EVERY = 2.0  # [s]
+STOP_WAIT = 3.0  # [s]
 
 
 def serve_front(
@@ -91,67 +41,102 @@ def serve_front(
 
     announce  called once with the page's address, when HTTP is served
     """
-    with suppress(StoppedWaiting), ExitStack() as stack:
-        access, front = access_of(settings), front_of(settings)
-        listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
-        health = Health(settings.loop_limit)
-        waiting = opened(
-            partial(FrontEnd.of, settings),
-            listening,
-            front=front,
-            limits=limits_of(settings),
-            tick=turns_of(Health(settings.loop_limit)),
-            waits=partial(notify, READY),
-            stop=stop,
-        )
-        own = stack.enter_context(waiting)
-
-        def folder(asset: str) -> Path:
-            """Where the worker of an asset keeps its files."""
-            return settings.data / folder_of(share_of(own.store.database, asset, own.layout))
-
-        app = create_app(
-            own.table,
-            own.store,
-            own.queue,
-            not_ready=own.watch.not_ready,
-            figures=figures_of(own.watch.figures, front.figures),
-            signals=KeptSignals(own.store.database, lambda asset: folder(asset) / SEGMENTS),
-            alarms=own.alarms,
-            baselines=lambda asset: BaselineStore(own.store.database, folder(asset) / BASELINES, clears=False),
-            access=access,
-            limits=limits_of(settings),
-            audit=FrontAudit(own.store.database, settings.audit_entries),
-            labelled_assets=None,
-            health=health,
-            incoming=Incoming(
-                asks=settings.rule_of_new_assets[0] == "ask", position=partial(position_of, own.store, own.layout)
-            ),
-            unserved=own.watch.unserved,
-        )
-
-        def started() -> None:
-            announce(address_of(listening, front))
-            notify(READY)
-
-        def ending() -> None:
-            notify(STOPPING)
-            own.end()
-
-        server = HttpServer(app, started=started, ending=ending, stop=stop, front=front, tick=turns_of(health))
-        with suppress(StoreError):  # then the watch says why, and looks again
-            own.watch.look()
-        own.watch.start()
-        health.thread(FLEET, own.watch)
-        server.run(sockets=[listening])
+    with Answering.at(settings) as answering:
+        answered(settings, answering, Context(ANSWER, stop or threading.Event(), Others()), announce)
     return 0
 
 
-class FrontAudit(AuditLog):
-    """The audit log, in which several front ends write."""
+def answered(settings: Settings, answering: Answering, context: Context, announce: Callable[[str], None]) -> None:
+    """Does the role of a front end, at an address that is bound already."""
+    answering.answer(context, partial(_opened, settings), Hosts, announce)
 
-    def enter(self, *given: Any, **named: Any) -> int:
-        """Adds an entry; the numbers of entries rise in the order in which they are committed."""
-        with self.transaction() as db:
-            db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({AUDIT_LOCK})")
-            return super().enter(*given, **named)
+
+def _opened(settings: Settings) -> SqlStore:
+    """Connects to the fleet. StorageUnavailable where its server is away, StoreError where there is no fleet."""
+    if settings.database is None:
+        raise StoreError("the setting database must name the fleet's database: postgresql://user@host/name")
+    database = settings.database.get_secret_value()
+    return SqlStore(front_tables(database, layout_at(database)))
+
+
+class Hosts(threading.Thread):
+    """What a front end knows of the hosts: it looks from time to time what they serve, until ended, and whether the
+    fleet's tables are of this release.
+    """
+
+    def __init__(self, store: SqlStore, table: AssetTable, queue: JobQueue) -> None:
+        super().__init__(name="fleet", daemon=True)
+        self._store, self._table, self._stopping = store, table, threading.Event()
+        tables = store.database.backend
+        assert isinstance(tables, FleetTables)
+        self._layout, self.roles = tables.layout, Roles(store.database)
+        self._partitions: list[Partition] = []
+        self._reason: str | None = "the fleet's partitions have not been looked at yet"
+
+    def start(self) -> None:
+        """Looks once, and goes on in a thread of its own."""
+        with suppress(StoreError):  # then it says why, and looks again
+            self.look()
+        super().start()
+
+    @property
+    def watched(self) -> dict[str, threading.Thread]:
+        return {FLEET: self}
+
+    def run(self) -> None:
+        """Works until ended."""
+        while not self._stopping.wait(LOOK_EVERY):
+            with suppress(StoreError):
+                self.look()
+
+    def end(self) -> None:
+        """Ends the thread."""
+        self._stopping.set()
+        if self.is_alive():
+            self.join(STOP_WAIT)
+
+    def not_ready(self) -> str | None:
+        """Why the answers of this front end may be out of date, or None."""
+        return self._reason
+
+    def unserved(self) -> list[int]:
+        """The partitions that nobody serves."""
+        return [partition.number for partition in self._partitions if not partition.served]
+
+    def figures(self) -> dict[str, Any]:
+        """Figures of the fleet for /metrics."""
+        count, levels = len(self._partitions), {}
+        with suppress(StoreError):
+            levels = self._table.levels()
+        return {
+            "fleet_partitions": count,
+            "fleet_partitions_served": count - len(self.unserved()),
+            "fleet_assets": levels,
+        }
+
+    def late(self) -> tuple[Late, ...]:
+        """The supervisor of each host looks after its loops."""
+        return ()
+
+    def log_figures(self) -> dict[str, Any]:
+        """Each host keeps its own log."""
+        return {}
+
+    def position(self, stream: str) -> PositionModel:
+        """How far a stream is stored, by what has been committed of its partition."""
+        number = share_of(self._store.database, stream, self._layout)
+        found = partitions(self.roles)[number]
+        reason = found.not_ready if found.served else f"partition {number} is not served now"
+        return stored_position(self._store, stream, f"partition {number}, token {found.token}", reason)
+
+    def look(self) -> None:
+        """Reads who serves the partitions. StoreError where that is not possible now."""
+        try:
+            look(self._store.database)
+            self._partitions = partitions(self.roles)
+        except StoreError as error:
+            why = str(error).strip().splitlines()[0]
+            newer = isinstance(error, NewerTables)
+            self._reason = why if newer else f"the fleet's database cannot be used now: {why}"
+            raise
+        self._reason = None

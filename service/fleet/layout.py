@@ -2,13 +2,14 @@
 
 An asset belongs to the partition that its id hashes to, whatever it is called; one that takes over another one's frames
 is in the same partition as that. Its row says so (`assets.share`). The number of partitions is fixed when the fleet is
-created. A partition is the share of the assets whose frames, windows and jobs one worker takes.
+created. A partition is the share of the assets whose frames one process receives; which host has it is leased
+(`lease`).
 
-All tables of a fleet are of one revision. Workers and front ends of a program with another one write nothing.
+All tables of a fleet are of one revision. Hosts and front ends of a program with another one write nothing.
 
-The keys of a partition's assets begin with `fleet/`, its number and the prefix: a worker subscribes to nothing else. A
-fleet of one partition has nothing to tell apart and uses the prefix as it is, so that what publishes to `serve`
-publishes to it as well.
+The keys of a partition's assets begin with `fleet/`, its number and the prefix: whoever receives it subscribes to
+nothing else. A fleet of one partition has nothing to tell apart and uses the prefix as it is, so that what publishes to
+`serve` publishes to it as well.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from hashlib import blake2b
 
 import sqlalchemy as sa
 from sqlalchemy import BigInteger, Column, Connection, Integer, LargeBinary, MetaData, Table, Text
-from sqlalchemy.dialects import postgresql
 
 from service.errors import NewerTables, StoreError
 from service.results.migrate import VERSION_TABLE, make_tables
@@ -28,12 +28,9 @@ from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
 MOST_PARTITIONS = 1000
-END_WAIT = 20.0  # for the end of a partition in good order [s]
+END_WAIT = 20.0  # for the end of a host in good order [s]
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
-
-SERVER_NOW = sa.cast(sa.func.extract("epoch", sa.func.clock_timestamp()) * 1_000_000_000, BigInteger)
-"""Unix time by the server's clock [ns], the same for all machines."""
 
 METADATA = MetaData()
 PARTITIONS = Table(
@@ -41,11 +38,7 @@ PARTITIONS = Table(
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("token", BigInteger, nullable=False, server_default="0"),  # of whoever may commit
-    Column("worker", Text),  # who that is: host and process
-    Column("node", Text),
-    Column("taken_ns", BigInteger),  # since when
-    Column("seen_ns", BigInteger),  # when it last said that it is at work
-    Column("figures", postgresql.JSONB),  # what it said
+    Column("host", Text),  # that serves it; null for none
 )
 CURVES = Table(
     "curves",
@@ -59,20 +52,6 @@ _SHARED = _PRESENT.with_for_update(read=True)
 _SHARE = (
     sa.select(ASSETS.c.share).join(NAMES, NAMES.c.asset == ASSETS.c.asset).where(NAMES.c.name == sa.bindparam("of"))
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """How a partition is, by its own process.
-
-    node    the number of the node that it is on
-    served  whether it has been taken
-    late    its loops that hang or have ended
-    """
-
-    node: str
-    served: bool
-    late: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

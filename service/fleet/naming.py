@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import lru_cache
 
 import sqlalchemy as sa
 
 from service.fleet.layout import Layout
+from service.results.commit_watch import ALL
 from service.results.schema import ASSETS, NAMES
 from service.results.store import Tables
 
+NAMED = " names"  # where an asset has been given a name that hashes to another partition; no asset is called so
 _ALL = sa.select(NAMES.c.name, ASSETS.c.share).join(ASSETS, ASSETS.c.asset == NAMES.c.asset)
 
 
 class PartitionStreams:
-    """Which streams belong to one partition, as its worker knows them; safe to use from several threads.
+    """Which streams belong to one partition, as whoever receives its frames knows them; for any thread.
 
     prefix  of the settings
     """
@@ -29,6 +32,11 @@ class PartitionStreams:
         of = self._layout.partition_of
         self._elsewhere = {name: share for name, share in database.rows(_ALL) if of(name) != share}
 
+    def committed(self, database: Tables, assets: Collection[str]) -> None:
+        """Reads it again where something may have changed it. StoreError where that is not possible now."""
+        if assets == ALL or NAMED in assets:
+            self.read(database)
+
     def refusal(self, stream: str) -> str | None:
         """Why frames of a stream are not used here: it belongs to another partition. None where it belongs here."""
         there = self._elsewhere.get(stream)
@@ -40,3 +48,8 @@ class PartitionStreams:
             f"asset {stream} is in partition {there}: publish it under {self._layout.prefix_of(there, self._prefix)}, "
             f"which gear-twin fleet key {stream} prints"
         )
+
+
+def is_hashed_to(layout: Layout, partition: int, stream: str) -> bool:
+    """Whether a stream that nobody knows would be of a partition."""
+    return layout.partition_of(stream) == partition

@@ -22,7 +22,7 @@ CONNECT_WAIT = 5.0  # for a cluster [s]
 START_ATTEMPTS = 4  # to start one on this machine
 STORE_BYTES = 80 * 2**20  # of shared memory: nothing large travels through Ray
 NAMESPACE = "gear-twin"  # of the actors' names
-ROOM = "partition"  # the resource of which a node has one for each partition that it may serve
+ROOM = "host"  # the resource of which a node has one that is to be a host
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_raylet_start_wait_time_s": "120",  # nor is a node given up that starts slowly,
@@ -43,14 +43,13 @@ def is_started() -> bool:
 
 
 @contextmanager
-def ray_session(address: str | None, cores: int | None = None, room: int = 0) -> Iterator[Any]:
+def ray_session(address: str | None, cores: int | None = None) -> Iterator[Any]:
     """Ray, ready for calls; as it was where this process uses one already.
 
     Ray reads its environment when it is imported, and nothing that imports it may be loaded before.
 
     address  of a cluster with a node on this machine; None for a Ray of this machine alone, whose token nobody else has
     cores    of that one; None for those of this machine
-    room     partitions that it may serve
 
     Raises InputError where the cluster does not answer, or Ray cannot be started.
     """
@@ -74,8 +73,7 @@ def ray_session(address: str | None, cores: int | None = None, room: int = 0) ->
         warnings.simplefilter("ignore")
         try:
             if address is None:
-                resources = {ROOM: room} if room else {}
-                _start_here(ray, cores or usable_cores(), resources=resources, _temp_dir=str(folder), **common)
+                _start_here(ray, cores or usable_cores(), _temp_dir=str(folder), **common)
             else:
                 ray.init(address=address, **common)
         except (ConnectionError, RuntimeError, ValueError) as error:

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from service.errors import InputError
-from service.fleet.up import until_told
 from service.operation.systemd import READY, STOPPING, notify
 from service.runtime.admission import demand_protected_links
 from service.settings import Settings
+from service.termination import until_told
 from service.transport.zenoh_session import open_session
 
 

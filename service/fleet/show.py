@@ -10,7 +10,7 @@ def print_status(found: Census) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("partition", "node", "worker", "since", "assets", "windows waiting", "state", box=None)
+    table = Table("partition", "host", "process", "since", "assets", "windows waiting", "state", box=None)
     for row in found.partitions:
         state = "served" if row["served"] else "not served"
         if row["served"] and row["not_ready"]:

@@ -1,16 +1,18 @@
-"""`gear-twin fleet up`: the fleet's tables, and an actor of Ray for each partition.
+"""`gear-twin fleet up`: the fleet's tables, and its hosts: this machine, or the nodes of a cluster of Ray.
 
-Without the address of a cluster, Ray, the network's router and the partitions run on this machine, and end with this
-process, whatever ends it. On a cluster the partitions go on without this process, which may end and be started again.
+On this machine alone it is a host with the network's router and a front end as roles beside its own, and all of it
+ends with this process, whatever ends it. On a cluster the hosts go on without this process, which may end and be
+started again.
 """
 
 from __future__ import annotations
 
 import os
-import signal
-import threading
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -18,17 +20,25 @@ import sqlalchemy as sa
 from service.errors import InputError
 from service.fleet.databases import engine_of, reached
 from service.fleet.engine import Engine
+from service.fleet.front import answered
+from service.fleet.host import Host, demand_router
 from service.fleet.layout import Layout, create, layout_of
 from service.fleet.ray_session import ray_session
 from service.results.data_folder import only_service_of
+from service.results.roles import ANSWER
+from service.runtime import SERVES
 from service.runtime.admission import demand_protected_links
+from service.runtime.answer import Answering
+from service.runtime.role_process import Context
+from service.runtime.supervisor import Role
+from service.runtime.twin_port import Twin
 from service.settings import Settings
+from service.termination import until_told
 from service.transport.zenoh_session import open_session
 
 RUNNING = "fleet.pid"  # in the fleet's folder, as long as it runs on this machine alone
 PARTITIONS = 8  # of a new fleet where nobody says
 LOOK_EVERY = 1.0  # [s]
-FRONT_WAIT = 10.0  # for the end of the front end [s]
 
 
 def database_of(settings: Settings) -> str:
@@ -57,35 +67,59 @@ def up(
     layout: Layout,
     *,
     front: bool = True,
-    twin_from: str | None = None,
+    twin: Twin | None = None,
     announce: Callable[[str], None] = print,
 ) -> None:
     """Has the fleet run until it is told to end.
 
-    front      whether a front end is served from this process, too
-    twin_from  module and name of the twin, `module:name`; None for the twin itself
-    announce   called with a line when the fleet has been started, and one when HTTP is served
+    front     whether a front end is served from here, too; on a cluster there is none
+    twin      its functions; None for the twin itself
+    announce  called with a line when the fleet has been started, and one when HTTP is served
     """
-    address = settings.fleet_address
     with ExitStack() as stack:
         stack.enter_context(only_service_of(settings.data))
         (settings.data / RUNNING).unlink(missing_ok=True)
-        if not settings.connect:
-            demand_protected_links(settings)
-            stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
-            settings = settings.model_copy(update={"connect": [_reached(e) for e in settings.listen]})
-        ray = stack.enter_context(ray_session(address, room=layout.partitions))
-        stop = stack.enter_context(until_told())
-        engine = Engine(ray, settings, layout, twin_from=twin_from)
-        if address is None:
+        host = Host(settings=settings, layout=layout, name=socket.gethostname(), twin=twin)
+        if settings.fleet_address is None:
             stack.enter_context(_noted(settings.data / RUNNING))
-            stack.callback(engine.end)
-        engine.create()
-        if front:
-            stack.enter_context(_front(settings, announce, stop))
-        announce(f"fleet of {layout.partitions} partitions {f'at {address}' if address else 'on this machine'}")
-        while not stop.wait(LOOK_EVERY):
-            engine.look()
+            _here(host, front, announce, stack)
+        else:
+            _on_cluster(host, announce, stack)
+
+
+def _here(host: Host, front: bool, announce: Callable[[str], None], stack: ExitStack) -> None:
+    """Has all of it done by processes of this machine."""
+    settings, beside = host.settings, list[Role]()
+    if not settings.connect:
+        demand_protected_links(settings)
+        beside.append(Role(name="router", work=partial(_route, settings), essential=True))
+        settings = settings.model_copy(update={"connect": [_reached(e) for e in settings.listen]})
+    if front:
+        answering = stack.enter_context(Answering.at(settings))
+        work = partial(answered, settings, answering, announce=lambda address: announce(f"{SERVES} {address}"))
+        beside.append(Role(name=ANSWER, work=work, essential=True))
+    stop = stack.enter_context(until_told())
+    announce(f"fleet of {host.layout.partitions} partitions on this machine")
+    replace(host, settings=settings).serve(stop, beside)
+
+
+def _on_cluster(host: Host, announce: Callable[[str], None], stack: ExitStack) -> None:
+    """Has the nodes of a cluster be hosts."""
+    demand_router(host.settings)
+    engine = Engine(stack.enter_context(ray_session(host.settings.fleet_address)))
+    stop = stack.enter_context(until_told())
+    announce(f"fleet of {host.layout.partitions} partitions at {host.settings.fleet_address}")
+    while True:
+        engine.look(host)
+        if stop.wait(LOOK_EVERY):
+            return
+
+
+def _route(settings: Settings, context: Context) -> None:
+    """Does the role of the network's router."""
+    with open_session(settings.listen, links=settings.zenoh_links):
+        while not context.stop.wait(LOOK_EVERY):
+            context.beat()
 
 
 def running(folder: Path) -> int:
@@ -109,45 +143,6 @@ def _noted(file: Path) -> Iterator[None]:
         yield
     finally:
         file.unlink(missing_ok=True)
-
-
-@contextmanager
-def until_told() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set while inside."""
-    stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _front(settings: Settings, announce: Callable[[str], None], stop: threading.Event) -> Iterator[None]:
-    """A front end in a thread of its own, until `stop` is set."""
-    from service.fleet.front import serve_front
-    from service.runtime import SERVES
-
-    failed: list[Exception] = []
-
-    def serve() -> None:
-        try:
-            serve_front(settings, announce=lambda address: announce(f"{SERVES} {address}"), stop=stop)
-        except Exception as error:
-            failed.append(error)
-        finally:
-            stop.set()
-
-    thread = threading.Thread(target=serve, name="front end", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(FRONT_WAIT)
-    if failed:
-        raise failed[0]
 
 
 def _reached(endpoint: str) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from service.contract.base import iso_time
@@ -20,19 +20,15 @@ READY = 10.0  # time without a turn after which a loop that still may go on take
 
 HTTP = "HTTP"
 RECEPTION = "reception and storage"
-WORKERS = "supervision of the worker processes"
-RAW_RECORDINGS = "raw recordings"
+FEED = "what others have committed"
 WEBHOOKS = "webhooks"
-RETENTION = "retention"
 FLEET = "fleet"
 
 LOOPS = {
     HTTP: "answers requests, and tells systemd that the service is alive",
     RECEPTION: "assembles frames to windows, makes them durable and publishes results",
-    WORKERS: "hands assets to worker processes and replaces those that end; a part of the loop above",
-    RAW_RECORDINGS: "the thread that keeps all frames as MCAP recordings, where a folder is set",
+    FEED: "the thread that hears of what other processes have committed",
     WEBHOOKS: "the thread that sends messages about alarms",
-    RETENTION: "the thread that deletes what is older than it is kept",
     FLEET: "the thread of a front end or of a partition of a fleet that follows what others have written",
 }
 """Every loop, and what it does."""
@@ -65,6 +61,7 @@ class Health:
     def __init__(self, limit: float = LIMIT, clock: Callable[[], float] = time.monotonic) -> None:
         self._limit, self._clock = limit, clock
         self._loops: dict[str, _Loop] = {}
+        self._elsewhere: Callable[[], Sequence[Late]] = tuple
 
     def loop(self, name: str) -> Callable[[], None]:
         """Expects turns of a loop from now on; what it calls with each."""
@@ -79,6 +76,10 @@ class Health:
         """Expects a thread to live from now on; how long it waits for its work does not matter."""
         self._loops[name] = _Loop(self._clock(), thread)
 
+    def includes(self, elsewhere: Callable[[], Sequence[Late]]) -> None:
+        """The late loops of other processes are among those of this one from now on."""
+        self._elsewhere = elsewhere
+
     def late(self, limit: float | None = None) -> list[Late]:
         """The loops that have hung or ended; within another limit where one is given [s]."""
         now, limit, found = self._clock(), self._limit if limit is None else limit, []
@@ -87,4 +88,4 @@ class Health:
                 known.beaten = now
             elif known.thread is not None or now - known.beaten > limit:
                 found.append(Late(name, time.time_ns() - round((now - known.beaten) * 1e9)))
-        return found
+        return [*found, *self._elsewhere()]

@@ -6,8 +6,9 @@ operations page is made from it too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
 
 Type = Literal["gauge", "counter", "histogram"]
 Others = Literal["sum", "max", "none"]
@@ -40,16 +41,17 @@ class MetricEntry:
         return f"{PREFIX}{self.name}{'_total' if self.type == 'counter' else ''}"
 
 
-def _gauge(name: str, meaning: str, action: str = "", *labels: str, **more: str) -> MetricEntry:
-    return MetricEntry(name=name, type="gauge", meaning=meaning, action=action, labels=labels, **more)  # type: ignore[arg-type]
+def _entry(type: Type, name: str, meaning: str, action: str = "", *, labels: str = "", **more: Any) -> MetricEntry:
+    """A metric; `labels` in one text."""
+    return MetricEntry(name=name, type=type, meaning=meaning, action=action, labels=tuple(labels.split()), **more)
 
 
-def _counter(name: str, meaning: str, action: str = "", *labels: str, **more: str) -> MetricEntry:
-    return MetricEntry(name=name, type="counter", meaning=meaning, action=action, labels=labels, **more)  # type: ignore[arg-type]
+_gauge, _counter, _times = partial(_entry, "gauge"), partial(_entry, "counter"), partial(_entry, "histogram", unit="s")
 
 
-def _times(name: str, meaning: str, action: str = "", *labels: str) -> MetricEntry:
-    return MetricEntry(name=name, type="histogram", meaning=meaning, action=action, unit="s", labels=labels)
+def _of_each_asset(*entries: MetricEntry) -> tuple[MetricEntry, ...]:
+    """Metrics whose first label is the asset."""
+    return tuple(replace(entry, labels=("asset", *entry.labels)) for entry in entries)
 
 
 REPORT = "Report it, with the lines of the log: it is an internal error."
@@ -57,42 +59,36 @@ STORAGE = "The log and `/readyz` give the cause: free space, repair the disk, or
 MQTT, INPUTS, OPCUA = "with MQTT", "with slow values from MQTT", "with OPC UA"
 FIGURE = "where the twin of the asset has this figure"
 
-OF_ASSETS = (
+OF_ASSETS = _of_each_asset(
     _gauge(
         "status",
         "1 at the status of the machine, 0 at every other level",
         "Follow the action that the page shows.",
-        "asset",
-        "level",
+        labels="level",
     ),
     _gauge(
         "data",
         "1 at the quality of the machine's data, 0 at every other level",
         "`degraded`: the page says what is wrong with the data. `stale`: no usable window is received; check data "
         "acquisition, cable and clock.",
-        "asset",
-        "level",
+        labels="level",
     ),
     _gauge(
         "alarms",
         "open alarms by level and state",
         "Acknowledge an alarm once somebody looks after it.",
-        "asset",
-        "level",
-        "state",
+        labels="level state",
     ),
     _gauge(
         "stale",
         "1 where no whole window has been received for longer than the service allows",
         "Check data acquisition, cable and clock; retire the asset if nothing more is expected.",
-        "asset",
     ),
     _gauge(
         "lag_seconds",
         "how long the oldest window that has not been processed has waited",
         "Above two window lengths for minutes: compare `workers_busy` with `workers`; give more worker processes or "
         "switch tracing off.",
-        "asset",
         unit="s",
         others="max",
     ),
@@ -100,41 +96,27 @@ OF_ASSETS = (
         "backlog_windows",
         "windows that are stored and wait to be processed",
         "Rising for hours: give more worker processes, longer windows or fewer machines.",
-        "asset",
     ),
     _gauge(
         "held_windows",
         "windows that wait until a person has answered a question about the asset",
         "Answer the question that the page shows.",
-        "asset",
     ),
-    _counter("frames", "frames received", "", "asset", "channel"),
+    _counter("frames", "frames received", labels="channel"),
     _counter(
         "frame_faults",
         "frames that were lost, late, duplicate, out of order or refused, by kind",
         "A steady rate points to the network, or to the clock or the numbering of a logger; see the kinds below.",
-        "asset",
-        "channel",
-        "kind",
+        labels="channel kind",
     ),
     _counter(
         "missing_frames",
         "frames that a publisher numbered and that were never received",
         "Check the network; let loggers keep frames until the service has stored them.",
-        "asset",
     ),
+    _counter("recovered_frames", "frames that were received after later ones, and were put in their place"),
     _counter(
-        "recovered_frames",
-        "frames that were received after later ones, and were put in their place",
-        "",
-        "asset",
-    ),
-    _counter(
-        "windows",
-        "measurement windows by grade",
-        "Look into `refused` ones: each states its reason.",
-        "asset",
-        "quality",
+        "windows", "measurement windows by grade", "Look into `refused` ones: each states its reason.", labels="quality"
     ),
     _counter(
         "windows_shed",
@@ -142,54 +124,38 @@ OF_ASSETS = (
         "`processing` a stored window that waited",
         "reception: a publisher floods, or one core cannot assemble all streams. processing: give more worker "
         "processes, longer windows or fewer machines.",
-        "asset",
-        "where",
+        labels="where",
     ),
     _counter(
         "data_faults",
         "frames, samples or edges with a fault, by kind",
         "Check the sensor that the channel names.",
-        "asset",
-        "kind",
-        "channel",
+        labels="kind channel",
     ),
-    _counter("updates", "windows that updated the wear coefficient", "", "asset"),
+    _counter("updates", "windows that updated the wear coefficient"),
     _gauge(
         "last_window_seconds",
         "Unix time at which the newest window was stored",
         "Compare it with the time: an asset that sends windows and has none stored has a problem.",
-        "asset",
         unit="s",
         others="none",
     ),
-    _gauge("effects", "effects in the model besides wear", "", "asset"),
-    _counter("decisions", "decisions on effects that were carried out", "", "asset", "decision"),
+    _gauge("effects", "effects in the model besides wear"),
+    _counter("decisions", "decisions on effects that were carried out", labels="decision"),
     _gauge(
         "wear_depth_micrometres",
         "largest wear depth, quantiles 0.05, 0.5 and 0.95",
-        "",
-        "asset",
-        "flank",
-        "quantile",
+        labels="flank quantile",
         unit="µm",
         others="none",
         only=FIGURE,
     ),
-    _gauge(
-        "wear_depth_limit_micrometres",
-        "wear depth at the end of life",
-        "",
-        "asset",
-        unit="µm",
-        others="none",
-        only=FIGURE,
-    ),
+    _gauge("wear_depth_limit_micrometres", "wear depth at the end of life", unit="µm", others="none", only=FIGURE),
     _gauge(
         "remaining_life_hours",
         "remaining life at the present operating condition, quantiles 0.05, 0.5 and 0.95",
         "Plan the exchange of the gears.",
-        "asset",
-        "quantile",
+        labels="quantile",
         unit="h",
         others="none",
         only=FIGURE,
@@ -232,7 +198,7 @@ OF_STREAMS = (
         "while the storage cannot be used)",
         "`no_room`: compare with `windows_shed`. `bad_key`, `too_many_streams`: look for a publisher that uses wrong "
         "keys. `retired`: switch the logger off, or take the asset into use again.",
-        "cause",
+        labels="cause",
     ),
     _counter(
         "missed_frames",
@@ -267,19 +233,17 @@ OF_PROCESSING = (
         "times that the process which makes worker processes did not answer and was replaced",
         "Do not stop the service's processes; look for a machine that hangs or swaps.",
     ),
-    _gauge("twin_calls_waiting", "windows, decisions and changes that wait for a worker process"),
+    _gauge("twin_calls_waiting", "assets whose windows wait for a worker"),
     _gauge(
         "twin_call_seconds",
         "how long the longest present computation has taken",
         "Tracing takes some 10 s; a computation of minutes calls for a look at the asset.",
         unit="s",
     ),
-    _times("processing_seconds", "computation of one window, decision, inspection or change", "", "task"),
+    _times("processing_seconds", "computation of one window, decision, inspection or change", labels="task"),
     _times("trace_seconds", "the part of it that searches for effects besides wear"),
     _times(
-        "window_delay_seconds",
-        "from the end of reception of a window to its stored result",
-        "As for `lag_seconds`.",
+        "window_delay_seconds", "from the end of reception of a window to its stored result", "As for `lag_seconds`."
     ),
 )
 
@@ -297,7 +261,7 @@ OF_STORAGE = (
     ),
     _gauge(
         "raw_recording_stopped",
-        "1 while raw recordings cannot be written",
+        "1 while no raw recordings are written: the disk, the network or the recorder's process fails",
         "The log says why: free space, or repair the disk; it goes on by itself. Windows are not affected.",
         only=RAW,
     ),
@@ -349,7 +313,7 @@ OF_STORAGE = (
         "Rising: the disk or the server is slow.",
     ),
     _times("store_read_seconds", "queries of the database"),
-    _counter("old_rows_deleted", "rows that were deleted because they are older than they are kept"),
+    _counter("old_rows_deleted", "rows that were ever deleted because they were older than they are kept"),
 )
 
 OF_HTTP = (
@@ -368,21 +332,17 @@ OF_HTTP = (
         "http_refused",
         "requests refused before they were read, by status: 414, 415, 421, 429, 431, 503",
         "421: add the name to `[http] hosts`. 429: the log names the client. Others: a faulty client.",
-        "status",
+        labels="status",
     ),
     _counter("refused_requests", "requests without the role that they need", "See `/v1/audit`."),
     _counter(
-        "wrong_credentials",
-        "keys and tokens that were not accepted",
-        "Many: somebody is guessing; see `/v1/audit`.",
+        "wrong_credentials", "keys and tokens that were not accepted", "Many: somebody is guessing; see `/v1/audit`."
     ),
     _counter("audit_entries", "entries added to the audit log since the service was started"),
-    _counter("log_lines", "log lines written, by level", "Look at the lines of level `error` and `critical`.", "level"),
     _counter(
-        "log_lines_left_out",
-        "log lines that were counted instead of written",
-        "The log says which.",
+        "log_lines", "log lines written, by level", "Look at the lines of level `error` and `critical`.", labels="level"
     ),
+    _counter("log_lines_left_out", "log lines that were counted instead of written", "The log says which."),
 )
 
 OF_CONNECTIONS = (
@@ -401,24 +361,18 @@ OF_CONNECTIONS = (
     ),
     _gauge("mqtt_connected", "1 while the MQTT broker is connected", "The log says why it is not.", only=MQTT),
     _counter(
-        "mqtt_failures",
-        "connections to the broker that failed or were lost",
-        "The log gives the cause.",
-        only=MQTT,
+        "mqtt_failures", "connections to the broker that failed or were lost", "The log gives the cause.", only=MQTT
     ),
     _counter("mqtt_messages", "messages published to the broker", only=MQTT),
     _counter("mqtt_inputs_values", "slow values received from the broker and used", only=INPUTS),
     _counter(
-        "mqtt_inputs_dropped",
-        "slow values for which the queue had no room",
-        "As for `frames_left_out`.",
-        only=INPUTS,
+        "mqtt_inputs_dropped", "slow values for which the queue had no room", "As for `frames_left_out`.", only=INPUTS
     ),
     _counter(
         "mqtt_inputs_left_out",
         "slow values that were not used, by cause",
         "The log names the topic; compare it with the file of inputs.",
-        "cause",
+        labels="cause",
         only=INPUTS,
     ),
     _gauge("opcua_connected", "1 while OPC UA is served", "The log says why it is not.", only=OPCUA),
@@ -447,7 +401,7 @@ OF_FLEETS = (
         "should serve them says why.",
         only=FLEET,
     ),
-    _gauge("fleet_assets", "assets of the fleet by the level of their status", "", "level", only=FLEET),
+    _gauge("fleet_assets", "assets of the fleet by the level of their status", labels="level", only=FLEET),
 )
 
 GROUPS: dict[str, tuple[MetricEntry, ...]] = {

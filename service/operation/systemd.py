@@ -34,10 +34,18 @@ def notify(*lines: str) -> bool:
 
 
 class Watchdog:
-    """Tells systemd that the service is alive, as often as it asks for, while no loop is late."""
+    """Tells systemd that the service is alive, as often as it asks for, while no loop is late.
 
-    def __init__(self, health: Health, clock: Callable[[], float] = time.monotonic) -> None:
-        self._health, self._clock = health, clock
+    tell  passes lines on to it
+    """
+
+    def __init__(
+        self,
+        health: Health,
+        tell: Callable[..., object] = notify,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._health, self._tell, self._clock = health, tell, clock
         self._every = watchdog_pause()
         self._next = 0.0
 
@@ -47,12 +55,15 @@ class Watchdog:
             return
         self._next = self._clock() + self._every
         if not self._health.late():
-            notify(ALIVE)
+            self._tell(ALIVE)
 
 
 def watchdog_pause() -> float | None:
-    """How often systemd wants to be told: a third of its limit [s]; None where it does not."""
-    if os.environ.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
+    """How often systemd wants to be told: a third of its limit [s]; None where it does not.
+
+    Its service is this process, or the one that has forked it.
+    """
+    if os.environ.get("WATCHDOG_PID", str(os.getpid())) not in map(str, (os.getpid(), os.getppid())):
         return None
     try:
         limit = int(os.environ.get("WATCHDOG_USEC", "0")) / 1e6

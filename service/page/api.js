@@ -51,6 +51,14 @@ export async function send(method, path, body, { signal } = {}) {
   return answerOf(path, { method, signal, headers, body: body === undefined ? undefined : JSON.stringify(body) });
 }
 
+// Passes on why something failed; nothing where the view was left meanwhile.
+export const unlessLeft = (pass) => (error) => {
+  if (error.name !== "AbortError") pass(error.message);
+};
+export const warned = unlessLeft((text) => console.warn(text));
+
+// The address of a machine's view on the page, and that of its answers.
+export const addressOf = (asset, view = "") => `#/asset/${encodeURIComponent(asset)}${view ? `/${view}` : ""}`;
 export const pathOf = (asset, ...parts) =>
   ["v1/assets", encodeURIComponent(asset), ...parts.map(encodeURIComponent)].join("/");
 

@@ -19,6 +19,8 @@ import { element } from "./dom.js";
 import { dateTime, number, sentence } from "./format.js";
 import { rangeOf } from "./scale.js";
 
+// What trends are drawn over.
+export const AXES = { time: { label: "time", time: true }, revolutions: { label: "pinion revolutions", unit: "rev" }, index: { label: "window", unit: "" } };
 const HEIGHT = 250;
 const PRINT_WIDTH = 300; // of a chart on paper, two in a row of A4 [px]
 const PRINT_HEIGHT = 180;
@@ -357,11 +359,7 @@ const pointsShown = (series, count) => {
   return wanted === undefined ? {} : { show: wanted };
 };
 
-export function redrawAll() {
-  for (const chart of shown) chart.redraw();
-}
-
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redrawAll);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => shown.forEach((chart) => chart.redraw()));
 
 // On paper: light, and as wide as the sheet.
 function printing(on) {

@@ -12,16 +12,27 @@ function within(u, draw) {
   ctx.restore();
 }
 
+function line(ctx, fromX, fromY, toX, toY) {
+  ctx.beginPath();
+  ctx.moveTo(fromX, fromY);
+  ctx.lineTo(toX, toY);
+  ctx.stroke();
+}
+
+function area(ctx, corners) {
+  ctx.beginPath();
+  for (const [x, y] of corners) ctx.lineTo(x, y);
+  ctx.fill();
+}
+
 export function drawBands(u, { bands, values }, colour) {
   within(u, (ctx) => {
     for (const { low, high, colour: name = "predicted" } of bands) {
       ctx.fillStyle = colour(name);
       ctx.globalAlpha = 0.18;
       for (const [from, to] of runs(low, high)) {
-        ctx.beginPath();
-        for (let i = from; i <= to; i += 1) ctx.lineTo(u.valToPos(values[i], "x", true), u.valToPos(high[i], "y", true));
-        for (let i = to; i >= from; i -= 1) ctx.lineTo(u.valToPos(values[i], "x", true), u.valToPos(low[i], "y", true));
-        ctx.fill();
+        const edge = (bound) => values.slice(from, to + 1).map((x, i) => [u.valToPos(x, "x", true), u.valToPos(bound[from + i], "y", true)]);
+        area(ctx, [...edge(high), ...edge(low).reverse()]);
       }
     }
   });
@@ -51,10 +62,7 @@ export function drawMarks(u, { marks }, colour) {
       ctx.strokeStyle = ctx.fillStyle = colour(name);
       ctx.lineWidth = px;
       ctx.setLineDash(dash.map((d) => d * px));
-      ctx.beginPath();
-      ctx.moveTo(at, box.top);
-      ctx.lineTo(at, box.top + box.height);
-      ctx.stroke();
+      line(ctx, at, box.top, at, box.top + box.height);
       if (!label) continue;
       const width = ctx.measureText(label).width;
       const fits = (x) => x >= box.left && x + width <= box.left + box.width;
@@ -74,10 +82,7 @@ export function drawLimits(u, { limits }, colour) {
       ctx.strokeStyle = ctx.fillStyle = colour(name);
       ctx.lineWidth = 1.5 * px;
       ctx.setLineDash([6 * px, 4 * px]);
-      ctx.beginPath();
-      ctx.moveTo(box.left, at);
-      ctx.lineTo(box.left + box.width, at);
-      ctx.stroke();
+      line(ctx, box.left, at, box.left + box.width, at);
       ctx.font = `${11.5 * px}px system-ui, sans-serif`;
       [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"];
       ctx.fillText(label, box.left + 6 * px, at > box.top + 16 * px ? at - 5 * px : at + 14 * px);
@@ -91,18 +96,11 @@ export function drawSpots(u, { spots }, colour) {
       const [at, middle] = [u.valToPos(x, "x", true), u.valToPos(y, "y", true)];
       ctx.strokeStyle = ctx.fillStyle = colour(name);
       ctx.lineWidth = 1.5 * px;
-      if (Number.isFinite(error)) {
-        ctx.beginPath();
-        ctx.moveTo(at, u.valToPos(y - error, "y", true));
-        ctx.lineTo(at, u.valToPos(y + error, "y", true));
-        ctx.stroke();
-      }
+      if (Number.isFinite(error)) line(ctx, at, u.valToPos(y - error, "y", true), at, u.valToPos(y + error, "y", true));
       const r = size * px;
       const corners = { diamond: [[0, -r], [r, 0], [0, r], [-r, 0]], up: [[0, -r], [r, r], [-r, r]],
         down: [[0, r], [r, -r], [-r, -r]] }[shape];
-      ctx.beginPath();
-      for (const [dx, dy] of corners) ctx.lineTo(at + dx, middle + dy);
-      ctx.fill();
+      area(ctx, corners.map(([dx, dy]) => [at + dx, middle + dy]));
     }
   });
 }
@@ -116,11 +114,7 @@ export function drawOutside(u, { values, series }, outside, colour) {
       const tip = above ? box.top + 2 * px : box.top + box.height - 2 * px;
       const base = tip + (above ? 9 : -9) * px;
       ctx.fillStyle = colour(series[number]?.colour ?? "predicted");
-      ctx.beginPath();
-      ctx.moveTo(at, tip);
-      ctx.lineTo(at - 5 * px, base);
-      ctx.lineTo(at + 5 * px, base);
-      ctx.fill();
+      area(ctx, [[at, tip], [at - 5 * px, base], [at + 5 * px, base]]);
     }
   });
 }

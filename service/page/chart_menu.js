@@ -1,6 +1,6 @@
 // The menu of a chart: zoom, series, the points as a table, and downloads. Nothing leaves this computer.
 
-import { element } from "./dom.js";
+import { choice, element } from "./dom.js";
 import { number } from "./format.js";
 
 const ROWS = 500; // of the table, the newest
@@ -36,16 +36,12 @@ export function chartMenu(chart) {
 }
 
 function seriesChoices(chart) {
-  return chart.given.series.map((s, i) => element("label", {}, element("input", {
-    type: "checkbox", checked: !chart.hidden.has(s.name),
-    onchange: (event) => {
-      if (event.target.checked) chart.hidden.delete(s.name);
-      else chart.hidden.add(s.name);
-      chart.plot.setSeries(i + 1, { show: event.target.checked });
-      chart.rescale();
-      chart.drawLegend();
-    },
-  }), ` ${s.name}`));
+  return chart.given.series.map((s, i) => choice(s.name, !chart.hidden.has(s.name), (show) => {
+    chart.hidden[show ? "delete" : "add"](s.name);
+    chart.plot.setSeries(i + 1, { show });
+    chart.rescale();
+    chart.drawLegend();
+  }));
 }
 
 // Columns of the chart's points: [heading, values].

@@ -22,9 +22,26 @@ export function svg(tag, attributes = {}, ...children) {
   return made;
 }
 
-// A section with its heading.
-export function panel(title, ...children) {
-  return element("section", { className: "panel" }, element("h2", {}, title), ...children);
+// A section with its heading: its title, or { title, kind, … } with further attributes.
+export function panel(given, ...children) {
+  const { title, kind, ...attributes } = typeof given === "string" ? { title: given } : given;
+  return element("section", { className: kind ? `panel ${kind}` : "panel", ...attributes }, element("h2", {}, title), ...children);
+}
+
+// What is shown once its title is pressed, and stays so where it is drawn again.
+export function folded(key, title, ...children) {
+  return element("details", { dataset: { key } }, element("summary", {}, title), ...children);
+}
+
+// A check box, or one choice of several, with its text behind it; `act` gets whether it is checked.
+export function choice(text, checked, act, { type = "checkbox", ...attributes } = {}) {
+  return element("label", {}, element("input", { type, checked, onchange: (event) => act(event.target.checked), ...attributes }), ` ${text}`);
+}
+
+// Does something again and again while the page is seen, until the signal ends it.
+export function repeat(act, milliseconds, signal) {
+  const timer = setInterval(() => document.hidden || act(), milliseconds);
+  signal.addEventListener("abort", () => clearInterval(timer));
 }
 
 // Lets the browser answer the keyboard and the mouse before more is drawn.

@@ -85,6 +85,10 @@ export const sentence = (text) => {
   return /[.!?]$/.test(whole) ? whole : `${whole}.`;
 };
 
+// "Retired by Anna, 22 Nov 2026, 14:43: worn out": what somebody did, as far as who, when and why are known.
+export const signedText = (what, { by, note }, at = "") =>
+  `${what}${by ? ` by ${by}` : ""}${at ? `, ${at}` : ""}${note ? `: ${note}` : ""}`;
+
 // A span of time in the unit that people use for it.
 export function duration(hours) {
   if (!Number.isFinite(hours)) return "–";

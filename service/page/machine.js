@@ -6,7 +6,7 @@ const SETTLE_MS = 200; // events come in bursts; one request answers all of a bu
 const POINTS = 600; // of the history that is drawn, at the start
 const WINDOWS = 100; // latest window records that are kept
 const RETRY_MS = 3000;
-export const KINDS = ["window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "inspection", "question"];
+const KINDS = ["window", "update", "effect", "rul", "data_fault", "status", "alarm", "change", "inspection", "question"];
 
 // Sends "change" after new data (detail: the kinds of event that brought it), "link" with true or false, and "renamed"
 // (detail: the name) once the machine has another name, under which all else is asked for.
@@ -20,7 +20,6 @@ export class Machine extends EventTarget {
     this.windows = [];
     this.rig = null;
     this.inspections = [];
-    this.live = false;
     this.seen = new Set();
     this.timer = null;
     this.busy = false;
@@ -51,7 +50,7 @@ export class Machine extends EventTarget {
         this.linked(false);
         if (this.source?.readyState === EventSource.CLOSED) {
           stop();
-          this.ask(signal);
+          this.soon("window"); // where it has been given another name meanwhile, the answer says so
           setTimeout(start, RETRY_MS);
         }
       };
@@ -78,17 +77,7 @@ export class Machine extends EventTarget {
   linked(live) {
     // what happened between loading and the connection, or while there was none, is fetched once
     if (live) this.soon("window");
-    this.live = live;
     this.dispatchEvent(new CustomEvent("link", { detail: live }));
-  }
-
-  // Asks why there are no events: the machine may have been given another name meanwhile.
-  async ask(signal) {
-    try {
-      await get(this.base, { signal });
-    } catch (error) {
-      if (error.body?.renamed) this.renamed(error.body.renamed);
-    }
   }
 
   renamed(name) {

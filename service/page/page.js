@@ -5,11 +5,11 @@
 //   #/asset/NAME          one machine, its overview
 //   #/asset/NAME/VIEW     one of its other views
 
-import { Problem, get } from "./api.js";
-import { element } from "./dom.js";
+import { Problem, addressOf, get } from "./api.js";
+import { element, panel, repeat } from "./dom.js";
 import { levelWord } from "./format.js";
 import { Machine } from "./machine.js";
-import { seen } from "./parts/seen.js";
+import { seen } from "./parts/health.js";
 import { showSession, signInForm } from "./session.js";
 import { VIEWS } from "./views.js";
 
@@ -24,8 +24,6 @@ let leaving = new AbortController(); // of the view that is shown
 let machine = null; // of the asset that is shown
 let leavingMachine = new AbortController();
 let shownAt = null;
-
-export const addressOf = (asset, view = "") => `#/asset/${encodeURIComponent(asset)}${view ? `/${view}` : ""}`;
 
 function routeOf(hash) {
   const parts = hash.replace(/^#\/?/, "").split("/").map(decode);
@@ -83,8 +81,7 @@ function tabs(route, state) {
 
 function problem(error, retry) {
   const known = error.body?.known;
-  return element("section", { className: "panel problem", role: "alert" },
-    element("h2", {}, error.status === 404 ? "This machine is not known" : "This view could not be loaded"),
+  return panel({ title: error.status === 404 ? "This machine is not known" : "This view could not be loaded", kind: "problem", role: "alert" },
     element("p", {}, error.message),
     ...(Array.isArray(known) ? [element("p", {}, ...known.flatMap((name, i) => [i ? ", " : "Known machines: ",
       element("a", { href: addressOf(name) }, name)]))] : []),
@@ -120,7 +117,8 @@ function contextOf(root, signal) {
       context.handlers.push(handler);
     },
     get axis() {
-      return storedAxis() ?? (counted(machine.trend) ? "revolutions" : "time");
+      const kept = localStorage.getItem(AXIS);
+      return kept === "time" || kept === "revolutions" ? kept : counted(machine.trend) ? "revolutions" : "time";
     },
     setAxis(axis) {
       localStorage.setItem(AXIS, axis);
@@ -134,11 +132,6 @@ function contextOf(root, signal) {
 function counted(trend) {
   const known = trend.map((p) => p.revolutions).filter(Number.isFinite);
   return known.length > 0 && known.every((n, i) => i === 0 || n >= known[i - 1]);
-}
-
-function storedAxis() {
-  const kept = localStorage.getItem(AXIS);
-  return kept === "time" || kept === "revolutions" ? kept : null;
 }
 
 async function showMachine(route, signal) {
@@ -160,8 +153,7 @@ async function showMachine(route, signal) {
     main.dataset.windows = String(opened.state.windows_total);
     last.replaceChildren(seen(opened.state));
   };
-  const timer = setInterval(() => document.hidden || opened.soon("seen"), SEEN_MS); // frames that end no window are no event
-  signal.addEventListener("abort", () => clearInterval(timer));
+  repeat(() => opened.soon("seen"), SEEN_MS, signal); // frames that end no window are no event
   const shown = code.show(root, context);
   const changed = async (event) => {
     await shown;

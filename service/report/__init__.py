@@ -1,7 +1,7 @@
 """What is said of one machine, once: as text, as one self-contained HTML page, or as a PDF of two pages.
 
-report = report_of(answer, machine)      # what is said, from the contract's answer
-rendered(report, "pdf")                  # the bytes of the file
+report = content.report_of(answer, machine)  # what is said, from the contract's answer
+rendered(report, "pdf")                      # the bytes of the file
 """
 
 from __future__ import annotations
@@ -20,13 +20,6 @@ FORMATS = {"html": "text/html; charset=utf-8", "pdf": "application/pdf"}
 """Format → media type."""
 
 
-def report_of(answer: Mapping[str, Any], machine: Mapping[str, Any] | None = None, **given: Any) -> Report:
-    """The report about the asset of an answer; as in `service.report.content`."""
-    from service.report.content import report_of as made
-
-    return made(answer, machine, **given)
-
-
 def rendered(report: Report, kind: str) -> bytes:
     """The file of a report in a format of `FORMATS`."""
     if kind == "html":
@@ -43,6 +36,8 @@ def write_report(answer: Mapping[str, Any], path: Path, machine: Mapping[str, An
 
     machine  mapping of the rig file, where it is known
     """
+    from service.report.content import report_of
+
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise InputError(f"{path}: a report is written as {' or '.join(f'.{name}' for name in FORMATS)}")

@@ -2,60 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from service.files.level_table import FOUND
+from service.files.series import FOUND
 from service.report.words import number
 
 TABLE = "What was tested"
 NAME = 26  # characters of a name
+SCALE = (
+    ("within a case", "within_case_percent"),
+    ("spline, all cases", "spline_through_all_percent"),
+    ("unworn days", "unworn_days_percent"),
+)
 
 
 def relation_text(answer: Mapping[str, Any]) -> str:
     """Sentences and tables as plain text."""
-    conditions = list(answer["conditions"])
-    head = "".join(f"{k:>18}" for k in conditions)
-    lines = [f"Level against wear depth of {answer['asset']}: {answer['description']}", ""]
-    lines += relation_sentences(answer)
-    lines += [
-        "",
-        f"{TABLE}: error on worn cases left out, each in turn, mean (worst) %; ln evidence over the background",
-    ]
-    lines.append(f"{'':<{NAME}}{head}")
-    chosen = answer["chosen"]
+    conditions, chosen = list(answer["conditions"]), answer["chosen"]
     without = chosen["without_a_case"]
     said = f"for each case by the others: {' + '.join(chosen['causes'])} for {without['same']} of {without['cases']}"
+    lines = [
+        f"Level against wear depth of {answer['asset']}: {answer['description']}",
+        "",
+        *relation_sentences(answer),
+        "",
+        f"{TABLE}: error on worn cases left out, each in turn, mean (worst) %; ln evidence over the background",
+        _row("", (f"{k:>18}" for k in conditions)),
+    ]
     for t in [*answer["trials"], chosen | {"name": "chosen", "said": said}]:
-        gain = f"{t['log_evidence']:+8.1f} nat"
-        lines.append(f"{t['name']:<{NAME}}{_cells(t, conditions)}{gain}   {t['said']}")
+        lines.append(_row(t["name"], (*_errors(t, conditions), f"{t['log_evidence']:+8.1f} nat   {t['said']}")))
     lines += ["", "Chosen and fitted on every other case, error on the rest, and vice versa:"]
-    for name, e in answer["judged"].items():
-        lines.append(f"{name:<{NAME}}{_cells(e, conditions)}")
-    few = answer["few"]
+    lines += [_row(name, _errors(e, conditions)) for name, e in answer["judged"].items()]
     lines += ["", "Fitted on the unworn and four worn cases, error on the rest:"]
-    for name, e in few.items():
-        lines.append(f"{name:<{NAME}}" + "".join(f"{e[k]:>12.1f}      " for k in conditions))
-    if answer["estimated_spread"]:
-        lines += [
-            "",
-            f"Estimated values: mean error of the model with its background over {answer['draws']} draws of them",
-        ]
-        lines.append(
-            f"{'10, 50, 90 %':<{NAME}}"
-            + "".join(f"{' '.join(f'{x:.0f}' for x in answer['estimated_spread'][k]):>18}" for k in conditions)
-        )
+    lines += [_row(name, (f"{e[k]:>12.1f}      " for k in conditions)) for name, e in answer["few"].items()]
+    if spread := answer["estimated_spread"]:
+        title = f"Estimated values: mean error of the model with its background over {answer['draws']} draws of them"
+        cells = (f"{' '.join(f'{x:.0f}' for x in spread[k]):>18}" for k in conditions)
+        lines += ["", title, _row("10, 50, 90 %", cells)]
     lines += ["", "For scale, mean scatter or error %:"]
-    for said, key in (
-        ("within a case", "within_case_percent"),
-        ("spline, all cases", "spline_through_all_percent"),
-        ("unworn days", "unworn_days_percent"),
-    ):
-        lines.append(f"{said:<{NAME}}" + "".join(f"{number(answer['floor'][k][key], 3):>12}      " for k in conditions))
+    for name, key in SCALE:
+        lines.append(_row(name, (f"{number(answer['floor'][k][key], 3):>12}      " for k in conditions)))
     lines += ["", "Depth from the levels of all conditions together, by the relation of all other cases (5–95 %):"]
-    for d in answer["depths"]:
-        lines.append(f"  {d['name']:<8} {d['true_um']:6.0f} µm   found {depth_band(d)}")
+    lines += [f"  {d['name']:<8} {d['true_um']:6.0f} µm   found {depth_band(d)}" for d in answer["depths"]]
     return "\n".join(lines)
+
+
+def _row(name: str, cells: Iterable[str]) -> str:
+    return f"{name:<{NAME}}{''.join(cells)}"
 
 
 def depth_band(found: Mapping[str, Any]) -> str:
@@ -65,10 +59,9 @@ def depth_band(found: Mapping[str, Any]) -> str:
     return f"{found['median_um']:6.0f}   {found['p05_um']:6.0f} … {found['p95_um']:6.0f}".rjust(32)
 
 
-def _cells(errors: Mapping[str, Any], conditions: list[str]) -> str:
-    return "".join(
-        f"{errors['mean_error_percent'][k]:>12.1f} ({errors['worst_error_percent'][k]:3.0f})" for k in conditions
-    )
+def _errors(errors: Mapping[str, Any], conditions: list[str]) -> list[str]:
+    mean, worst = errors["mean_error_percent"], errors["worst_error_percent"]
+    return [f"{mean[k]:>12.1f} ({worst[k]:3.0f})" for k in conditions]
 
 
 def kept_combination(chosen: Mapping[str, Any]) -> str:

@@ -14,7 +14,6 @@ STRONGEST = 6  # unexplained lines that are named
 EFFECT_COLUMNS = (
     "effect", "status", "since rev.", "ln evidence", "runner-up", "waveform %", "RMS %", "depth µm", "parameters",
 )  # fmt: skip
-ERROR_KEYS = ("waveform_percent", "rms_percent")
 SENSOR = (("RMS m/s²", "rms"), ("kurtosis", "kurtosis"), ("crest", "crest_factor"))
 GEAR = (
     ("turns", "turns"), ("FM0", "fm0"), ("FM4", "fm4"), ("NA4", "na4"), ("M6A", "m6a"), ("M8A", "m8a"),

@@ -25,7 +25,7 @@ class AssetChanges:
     def take(self, timeout: float) -> tuple[str, ...]:
         """The assets that have changed; none where nothing changes within the time [s]."""
         with self._condition:
-            if not self._changed:
+            if not self._changed and timeout:
                 self._condition.wait(timeout)
             taken, self._changed = tuple(self._changed), {}
         return taken

@@ -1,7 +1,7 @@
 """What lists and answers show of an asset besides its results: columns of its row, written by whoever shows it.
 
 The row has the asset's entry of the list, by which lists are sorted and searched, and what is shown and is in no other
-table: whether data come, and what waits. Its `version` grows with each writing.
+table: whether data come, and what waits. Its `version` is the newest of all with each writing.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import bindparam, select, update
+from sqlalchemy import bindparam, func, select, update
 
 from service.json_text import compact, plain
 from service.results.asset_list import area_of, severity_of, words_of
@@ -20,10 +20,11 @@ from service.results.snapshot import Snapshot, Stale, Waiting
 from service.results.store import Tables
 
 COLUMNS = ("area", "severity", "level", "data", "alarms", "words", "summary", "volatile")
+_NEWEST = select(func.max(ASSETS.alias().c.version)).scalar_subquery()
 _PUT = (
     update(ASSETS)
     .where(ASSETS.c.asset == bindparam("of"))
-    .values(version=ASSETS.c.version + 1, **{name: bindparam(name) for name in COLUMNS})
+    .values(version=_NEWEST + 1, **{name: bindparam(name) for name in COLUMNS})
 )
 
 
@@ -40,7 +41,6 @@ def put(database: Tables, snapshots: Collection[Snapshot]) -> dict[str, int]:
             database.ensure(db, asset)
         db.execute(_PUT, [{"of": asset, **row} for asset, row in rows.items()])
         versions = db.execute(_VERSIONS, {"of": list(rows)}).all()
-        database.shown(db, tuple(rows))
     return dict(tuple(row) for row in versions)
 
 

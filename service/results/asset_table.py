@@ -1,8 +1,8 @@
 """The assets as they are shown: made of the tables, by any process, and kept as long as nothing changes them.
 
 What is committed is shown by whoever asks afterwards. `get` looks whether an asset's row and events are still those
-that its snapshot was made of; `latest` asks nothing where this process has heard of no change, and `changed` says that
-there is one. `note` shows what only this process knows yet: counters of frames, windows that wait.
+that its snapshot was made of; `latest` asks nothing in a process that looks for changes (`look`) and has found none of
+the asset. `note` shows what only this process knows yet: counters of frames, windows that wait.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import asyncio
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, Select, and_, bindparam, func, or_, select
+from sqlalchemy import ColumnElement, Select, bindparam, func, select
 
 from service.alarms.keeper import AlarmKeeper
 from service.contract.base import iso_time
@@ -40,6 +40,7 @@ _OF = ASSETS.c.asset == bindparam("of")
 _LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == bindparam("of"))
 _SEEN = select(ASSETS.c.version, _LAST_EVENT.scalar_subquery()).where(_OF)
 _VOLATILE = select(ASSETS.c.volatile).where(_OF)
+_WRITTEN = select(ASSETS.c.asset, ASSETS.c.version).where(ASSETS.c.version > bindparam("after"))
 _ALL_SHOWN = select(ASSETS.c.asset, ASSETS.c.version, ASSETS.c.volatile)
 _SUMMARIES = select(ASSETS.c.summary, ASSETS.c.asset).order_by(ASSETS.c.label)
 _STALE = select(ASSETS.c.label, ASSETS.c.volatile).where(ASSETS.c.data == "stale").order_by(ASSETS.c.label)
@@ -83,28 +84,37 @@ class AssetTable:
         self._noted: dict[str, dict[str, Any]] = {}  # by asset: parts of snapshots that only this process knows
         self._old: set[str] = set()  # assets whose snapshots may be old
         self._complete = False  # whether there are snapshots of all assets
+        self._followed = False  # whether this process looks for what others have committed
         self._due: dict[str, None] = {}  # assets whose rows are to be written now ...
         self._later: dict[str, None] = {}  # ... and those whose rows can wait
         self._clock, self._fresh_at = clock, 0.0
-        self._followers: list[AssetChanges] = []
+        self._followers: list[tuple[AssetChanges, bool]] = []
+        self._looked_to = 0  # version up to which rows have been looked at
+        self._written = _WRITTEN.where(store.database.own(ASSETS.c.asset))
         self._lock = threading.RLock()
         self.unstored: tuple[str, str] | None = None  # why nothing can be stored now, and since when (ISO 8601)
         self.closed = False
 
-    def load(self, known: Iterable[StoredAsset]) -> None:
-        """Takes up all assets at the start of a service, which has read what is committed of them."""
+    def load(self) -> tuple[StoredAsset, ...]:
+        """Takes up all assets at the start of a service; what is committed of them.
+
+        Their versions are read first: what others commit meanwhile is found by the next look.
+        """
+        rows = {asset: (version, volatile) for asset, version, volatile in self._rows(_ALL_SHOWN)}
         last_events = self._store.last_event_ids()
         opened = {} if self._alarms is None else self._alarms.store.open_by_asset()
-        rows = {asset: (version, volatile) for asset, version, volatile in self._rows(_ALL_SHOWN)}
+        known = self._store.all_assets()
         for stored in known:
             asset = stored.asset
-            version, volatile = rows[asset]
+            version, volatile = rows.get(asset, (0, None))
             snapshot = Snapshot.from_store(self._store, stored, last_events.get(asset, 0))
             stale = volatile_of(volatile, asset).get("stale")
             snapshot = replace(snapshot, alarms=opened.get(asset, ()), stale=stale)
             self._made[asset] = _Made(Seen(version, snapshot.last_event_id), snapshot)
             self._due[asset] = None  # what the last run alone knew is over
-        self._complete = True
+            self._looked_to = max(self._looked_to, version)
+        self._complete = self._followed = True
+        return known
 
     # -- one asset -----------------------------------------------------------------------------------
 
@@ -132,7 +142,7 @@ class AssetTable:
     def latest(self, asset: str) -> Snapshot | None:
         """The asset as this process has it: it is read only where it may have changed, and the storage answers."""
         made = self._made.get(asset)
-        if asset in self._old or (made is None and not self._complete):
+        if asset in self._old or not self._followed or (made is None and not self._complete):
             try:
                 return self.get(asset)
             except StoreError:
@@ -189,7 +199,7 @@ class AssetTable:
             self._noted.setdefault(asset, {}).update(parts)
             made.shown = None
             (self._later if FLEETING.issuperset(parts) else self._due)[asset] = None
-        self._tell(asset)
+        self._tell(asset, fleeting=FLEETING.issuperset(parts))
 
     def note_unstored(self, unstored: tuple[str, str] | None) -> None:
         """Shows why nothing can be stored now, and since when (ISO 8601); or that it can."""
@@ -203,14 +213,18 @@ class AssetTable:
         """Writes how an asset is shown by now, in the caller's transaction; the version of its row."""
         return put(self._store.database, [snapshot])[snapshot.asset]
 
-    def written(self, snapshot: Snapshot, version: int) -> None:
-        """A row has been committed of a snapshot that was made of the latest one, and is shown."""
+    def written(self, snapshot: Snapshot, version: int, *, fleeting: bool = False) -> None:
+        """A row has been committed of a snapshot that was made of the latest one, and is shown.
+
+        fleeting  whether all of it has been told before
+        """
         asset = snapshot.asset
         with self._lock:
             self._keep(asset, _Made(Seen(version, snapshot.last_event_id), snapshot, snapshot))
             noted = self._noted.get(asset, {})
             noted |= {name: getattr(snapshot, name) for name in noted}
-        self._tell(asset)
+        if not fleeting:
+            self._tell(asset)
         self._signal.wake(asset)
 
     def write_noted(self) -> None:
@@ -229,7 +243,7 @@ class AssetTable:
                 shown = [snapshot for asset in batch if (snapshot := self.get(asset)) is not None]
                 versions = put(self._store.database, shown)
             for snapshot in shown:
-                self.written(snapshot, versions[snapshot.asset])
+                self.written(snapshot, versions[snapshot.asset], fleeting=True)
             for asset in batch:
                 self._due.pop(asset, None)
 
@@ -247,6 +261,12 @@ class AssetTable:
         """The rows that a query of the assets answers; in a fleet's worker, of its own assets."""
         database = self._store.database
         return database.rows(query.where(database.own(ASSETS.c.asset)))
+
+    def of_share(self, assets: Collection[str]) -> Collection[str]:
+        """Those of some assets that this process looks after."""
+        if self._store.database.share is None:
+            return assets
+        return [asset for (asset,) in self._rows(select(ASSETS.c.asset).where(ASSETS.c.asset.in_(assets)))]
 
     def known(self) -> tuple[str, ...]:
         """The assets of which this process has a snapshot, sorted."""
@@ -267,7 +287,10 @@ class AssetTable:
     def page(self, choice: Choice) -> Page:
         """A page of the list, the most severe first."""
         chosen = select(*(ASSETS.c[n] for n in ("summary", "asset", "severity", "label"))).where(*_conditions(choice))
-        rows = self._rows(chosen.order_by(ASSETS.c.severity.desc(), ASSETS.c.label).limit(choice.limit + 1))
+        chosen, rows = chosen.order_by(ASSETS.c.severity.desc(), ASSETS.c.label), list[Any]()
+        for part in _after(choice.after):
+            if (lacks := choice.limit + 1 - len(rows)) > 0:
+                rows += self._rows(chosen.where(*part).limit(lacks))
         shown = [self._summary(text, asset) for text, asset, _, _ in rows[: choice.limit]]
         if len(rows) <= choice.limit:
             return Page(summaries=shown, next=None)
@@ -312,22 +335,39 @@ class AssetTable:
 
     def changed(self, *assets: str) -> None:
         """Rows of these assets, or of nobody knows which, have been written by somebody else."""
-        self._old.update(assets or tuple(self._made))
+        assets = assets or tuple(self._made)
+        self._old.update(assets)
         self._tell(*assets)
         self._signal.wake(*assets)
 
-    def _tell(self, *assets: str) -> None:
-        for follower in tuple(self._followers):
-            follower.note(*assets)
+    def look(self) -> tuple[str, ...]:
+        """Finds the rows of assets that others have written since the last look; the assets."""
+        found, self._followed = [], True
+        for asset, version in self._store.database.rows(self._written, {"after": self._looked_to}):
+            self._looked_to = max(self._looked_to, version)
+            made = self._made.get(asset)
+            if made is None or made.seen.version < version:
+                found.append(asset)
+        if found:
+            self.changed(*found)
+        return tuple(found)
+
+    def _tell(self, *assets: str, fleeting: bool = False) -> None:
+        for follower, all_changes in tuple(self._followers):
+            if all_changes or not fleeting:
+                follower.note(*assets)
 
     @contextmanager
-    def follow(self) -> Iterator[AssetChanges]:
-        """The assets that change while inside, for one thread; all of which this process has a snapshot come first."""
-        follower = AssetChanges()
+    def follow(self, *, fleeting: bool = True) -> Iterator[AssetChanges]:
+        """The assets that change while inside, for one thread; all of which this process has a snapshot come first.
+
+        fleeting  also where only frames have come
+        """
+        follower = AssetChanges(), fleeting
         self._followers.append(follower)
-        follower.note(*self.known())
+        follower[0].note(*self.known())
         try:
-            yield follower
+            yield follower[0]
         finally:
             self._followers.remove(follower)
 
@@ -341,13 +381,18 @@ class AssetTable:
         self._signal.wake()
 
 
+def _after(place: Place | None) -> list[list[ColumnElement[bool]]]:
+    """What the rows behind a place fulfil, in parts that an index finds at once."""
+    severity = ASSETS.c.severity
+    if place is None:
+        return [[]]
+    return [[severity == place.severity, ASSETS.c.label > place.asset], [severity < place.severity]]
+
+
 def _conditions(choice: Choice) -> list[ColumnElement[bool]]:
     """What the rows of a choice fulfil."""
     c = ASSETS.c
     found: list[ColumnElement[bool]] = [c.words.contains(word, autoescape=True) for word in choice.words]
-    if choice.after is not None:
-        severity, name = choice.after.severity, choice.after.asset
-        found += [c.severity <= severity, or_(c.severity < severity, and_(c.severity == severity, c.label > name))]
     if choice.area is not None:
         found.append(c.area == choice.area)
     if choice.levels:

@@ -1,8 +1,8 @@
 """The audit log: every change that people or programs made, or tried to make: who, when, what, why, with what outcome.
 
-An entry is written in the transaction of the change. Entries are added and read; nothing changes one, and only the
-oldest are removed, beyond the number that is kept. A change that is queued is carried out later: its entry refers to
-the job, and its outcome is read from there.
+An entry is written in the transaction of the change; the numbers rise in the order in which they are committed. Entries
+are added and read; nothing changes one, and only the oldest are removed, beyond the number that is kept. A change that
+is queued is carried out later: its entry refers to the job, and its outcome is read from there.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from service.results.store import Tables
 
 DONE, WAITS = "done", "queued"
 PRUNE_EVERY = 100  # entries
+ENTERING = 7_219_434  # lock of whoever adds an entry; other numbers are in `claims`, `migrate` and `layout`
 LONGEST = 2000  # characters of a note or outcome
 
 _COLUMNS = (
@@ -88,6 +89,8 @@ class AuditLog:
             "what": dump(dict(what or {})),
         }
         with self._database.transaction() as db:
+            if db.dialect.name == "postgresql":  # where several front ends write
+                db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({ENTERING})")
             number = self._database.add(db, AUDIT, row)
             if number % PRUNE_EVERY == 0:
                 db.execute(delete(AUDIT).where(AUDIT.c.id <= number - self._keep))

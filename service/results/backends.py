@@ -10,7 +10,8 @@ from __future__ import annotations
 import itertools
 import threading
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -23,9 +24,11 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool, QueuePool
 
 from service.errors import StorageUnavailable, StoreError
+from service.results.at_work import AtWork, FileClaims, SessionClaims
 from service.results.bounded_connection import connecting
 from service.results.claims import Claims
 from service.results.commit_marks import Mark, marked, was_committed
+from service.results.commit_watch import CHANNEL, CommitWatch, FileWatch, ServerWatch
 from service.results.schema import ASSETS
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
@@ -40,6 +43,7 @@ NO_SHARED_MEMORY = ("SQLITE_IOERR_SHMOPEN", "SQLITE_IOERR_SHMMAP", "SQLITE_IOERR
 """Errors of a file system that has no memory in common for the processes that have a file open."""
 
 
+_TELL = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
 _TURN = sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of")).with_for_update()
 
 
@@ -119,8 +123,16 @@ class Backend(Protocol):
         """Within the transaction that gives an asset a name."""
         ...
 
-    def shown(self, db: Connection, assets: Sequence[str]) -> None:
-        """Within the transaction that has written how assets are shown."""
+    def tell(self, engine: Engine, assets: Collection[str]) -> None:
+        """After a transaction that has written to assets: whoever waits for that hears of it, as a rule."""
+        ...
+
+    def watching(self) -> CommitWatch:
+        """For one who waits until something is committed."""
+        ...
+
+    def at_work(self) -> AtWork:
+        """For one process that works on assets."""
         ...
 
     def mark(self, db: Connection) -> Mark | None:
@@ -167,9 +179,6 @@ class OneService:
     def named(self, db: Connection, asset: str, name: str) -> None:
         pass
 
-    def shown(self, db: Connection, assets: Sequence[str]) -> None:
-        pass  # who reads is woken in this process
-
 
 @dataclass(slots=True)
 class SqliteFile(OneService):
@@ -215,13 +224,10 @@ class SqliteFile(OneService):
 
     def _engine(self, pragmas: list[str], **pool: Any) -> Engine:
         pool.setdefault("poolclass", QueuePool)
-        engine = sa.create_engine(
-            URL.create("sqlite", database=str(self.path)),
-            connect_args={"check_same_thread": False, "timeout": LOCK_WAIT},
-            **pool,
-        )
+        engine = sa.create_engine("sqlite://", creator=lambda: self._connect("rw"), **pool)
 
         def prepare(connection: Any, _: object) -> None:
+            self.verify()
             connection.isolation_level = None  # transactions begin where this program says so, those of DDL too
             _log_ahead(connection)
             for pragma in pragmas:
@@ -229,6 +235,13 @@ class SqliteFile(OneService):
 
         event.listen(engine, "connect", prepare)
         return engine
+
+    def _connect(self, mode: str) -> Any:
+        """A connection to read (`ro`) or to write, too (`rw`); a file that is gone is not made anew, empty."""
+        import sqlite3  # services with PostgreSQL do not load it
+
+        file = f"{self.path.absolute().as_uri()}?mode={mode}"
+        return sqlite3.connect(file, uri=True, check_same_thread=False, timeout=LOCK_WAIT)
 
     def examine(self, engine: Engine) -> None:
         """SQLite's own check, of indexes too, where the file is small enough for each start."""
@@ -253,12 +266,21 @@ class SqliteFile(OneService):
             present = (stat.st_dev, stat.st_ino)
         except OSError:
             present = None
-        if present != self._inode:
+        if self._inode not in (None, present):
             raise StorageUnavailable(
                 f"{self.path} cannot be used now (input or output): it was removed or replaced while the service runs; "
                 "put it back, or start the service anew",
                 reason="input or output",
             )
+
+    def tell(self, engine: Engine, assets: Collection[str]) -> None:
+        pass  # the file tells it
+
+    def watching(self) -> CommitWatch:
+        return FileWatch(lambda: self._connect("ro"), self.path)
+
+    def at_work(self) -> AtWork:
+        return FileClaims(self.path.with_name(f"{self.path.name}.work"))
 
     def mark(self, db: Connection) -> Mark | None:
         return None
@@ -358,6 +380,26 @@ class Postgresql(OneService):
 
     def turn(self, db: Connection, asset: str) -> None:
         db.execute(_TURN, {"of": asset})
+
+    def tell(self, engine: Engine, assets: Collection[str]) -> None:
+        """After the commit, since a server holds up all others that tell something within theirs."""
+        with suppress(Exception), engine.connect() as db:  # it is committed, and found by looks
+            db.execute(_TELL, {"channel": CHANNEL, "assets": sorted(assets)})
+
+    def watching(self) -> CommitWatch:
+        return ServerWatch(self._listening)
+
+    def _listening(self) -> Any:
+        """A connection of the driver's own."""
+        import psycopg
+
+        plain = self.url.set(drivername="postgresql").difference_update_query(["options"])
+        url = plain.render_as_string(hide_password=False)
+        return psycopg.connect(url, autocommit=True, connect_timeout=CONNECT_WAIT)
+
+    def at_work(self) -> AtWork:
+        engine = self.engine(STATEMENT_WAIT, "gear-twin at work", pool_size=1, max_overflow=0)
+        return SessionClaims(engine.execution_options(isolation_level="AUTOCOMMIT"), self.name)
 
     def mark(self, db: Connection) -> Mark:
         mark = marked(db, *self.next_transaction())

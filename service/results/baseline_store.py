@@ -38,7 +38,7 @@ class BaselineStore:
     def _clear(self) -> None:
         """Deletes the files of baselines that were replaced, or never came into use."""
         known = {name for (name,) in self._database.rows(select(BASELINES.c.file))}
-        known |= {job.given.get("file") for job in Jobs(self._database).pending()}  # submitted before the service ended
+        known |= {job.given.get("file") for job in Jobs(self._database).pending()}  # submitted, and not done yet
         for path in self._folder.iterdir():
             if path.name not in known:
                 path.unlink(missing_ok=True)

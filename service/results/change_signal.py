@@ -5,20 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Protocol, TypeVar
-
-from starlette.concurrency import run_in_threadpool
-
-
-class Awaited(Protocol):
-    """What is carried out by others."""
-
-    @property
-    def done(self) -> bool: ...
-
-
-W = TypeVar("W", bound=Awaited)
+from contextlib import contextmanager
 
 
 class ChangeSignal:
@@ -52,44 +39,3 @@ class ChangeSignal:
         for about, wake in listening:
             if not changed or about is None or about in changed:
                 wake()
-
-
-class DoneSignal(ChangeSignal):
-    """Coroutines that wait until something that is kept has been carried out.
-
-    look_every  time after which they look without having been woken [s]; None where whoever carries it out wakes them
-    """
-
-    def __init__(self, look_every: float | None = None) -> None:
-        super().__init__()
-        self._look_every, self._closed, self._released = look_every, False, 0
-
-    async def done(self, read: Callable[[int], W], number: int, seconds: float) -> W | None:
-        """What `read` answers once it is done; None after so many seconds, or where it is released before.
-
-        No thread is held meanwhile.
-        """
-        released = self._released
-        with self.listening() as changed:
-            try:
-                async with asyncio.timeout(seconds):
-                    while not self._closed and released == self._released:
-                        changed.clear()  # before reading: what is done while reading sets it again
-                        waiting = await run_in_threadpool(read, number)
-                        if waiting.done:
-                            return waiting
-                        with suppress(TimeoutError):
-                            await asyncio.wait_for(changed.wait(), self._look_every)
-            except TimeoutError:
-                pass
-        return None
-
-    def release(self) -> None:
-        """Releases all who wait now: nothing can be carried out at present."""
-        self._released += 1
-        self.wake()
-
-    def close(self) -> None:
-        """Releases all who wait, and who come later."""
-        self._closed = True
-        self.wake()

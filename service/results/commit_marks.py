@@ -18,7 +18,6 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service.errors import StorageUnavailable
 from service.results.schema import COMMITS
-from service.results.store import Tables
 
 OUTCOME_WAIT = 10.0  # how long a server is asked for the outcome of a commit that it did not answer [s]
 AGAIN = 0.2  # between two questions [s]
@@ -28,18 +27,7 @@ UNDER_WAY = "in progress"
 
 _OLD = sa.select(COMMITS.c.writer).where(COMMITS.c.written_ns < sa.bindparam("before"))
 _DELETE_OLD = sa.delete(COMMITS).where(COMMITS.c.writer.in_(_OLD.with_for_update(skip_locked=True)))
-_PROBER = "probe"  # the row of each share that says whether anything can be written
 _STATUS = sa.text("SELECT pg_xact_status(CAST(:number AS xid8))")
-
-
-def probe(database: Tables) -> None:
-    """Writes, as a window is written. StorageUnavailable where nothing can be."""
-    now = time.time_ns()
-    row = {"writer": f"{_PROBER} {database.share}", "number": 0, "written_ns": now}
-    with database.transaction() as db:
-        db.execute(
-            database.insert(COMMITS).on_conflict_do_update(index_elements=["writer"], set_={"written_ns": now}), row
-        )
 
 
 class Mark(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,7 @@ from service.errors import InputError
 DATABASE = "gear-twin.sqlite"
 SEGMENTS = "segments"  # of windows that wait, and of those whose signals are kept
 BASELINES = "baselines"
+ROLES_END = 2.0  # how long the roles of a service that was killed are waited for [s]
 
 
 def database_of(data: Path, database: SecretStr | None) -> Path | str:
@@ -49,8 +51,16 @@ def only_service_of(data: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int, data: Path) -> None:
-    """Locks a file or folder until it is closed; OSError where its file system cannot."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise InputError(f"{data}: another service has this data directory; give another") from None
+    """Locks a file or folder until it is closed; OSError where its file system cannot.
+
+    The roles of a service hold it, too: where that was killed, they end within a moment.
+    """
+    until = time.monotonic() + ROLES_END
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() >= until:
+                raise InputError(f"{data}: another service has this data directory; give another") from None
+        time.sleep(0.02)

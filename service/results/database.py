@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,26 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from service.errors import SteppedBack, StorageUnavailable, StoreError
+from service.results.at_work import AtWork
 from service.results.backends import Backend, backend_of
 from service.results.commit_marks import Mark, is_there
+from service.results.commit_watch import CommitWatch
 from service.results.migrate import upgrade
 from service.results.names import taken
-from service.results.schema import ASSETS, NAMES
+from service.results.schema import ASSETS, JOBS, NAMES, PEOPLES, WINDOW
 from service.results.storage_faults import storage_error
+from service.steady_clock import later_time_ns
 
 _SHARE = sa.select(ASSETS.c.share).where(ASSETS.c.asset == sa.bindparam("of"))
+_OF_ASSET = JOBS.c.asset == ASSETS.c.asset
+_ASKED = sa.exists().where(_OF_ASSET, sa.text(PEOPLES))
+_WAITS = sa.exists().where(_OF_ASSET, JOBS.c.kind == WINDOW, JOBS.c.held == 0)
+_SINCE = sa.func.coalesce(sa.func.nullif(ASSETS.c.due, 0), sa.bindparam("now"))
+_DUE = (
+    sa.update(ASSETS)
+    .where(ASSETS.c.asset.in_(sa.bindparam("of", expanding=True)))
+    .values(due=sa.case((_ASKED, 0), (_WAITS, _SINCE), else_=None))
+)
 
 
 class _Begun(threading.local):
@@ -38,25 +50,35 @@ class _Begun(threading.local):
 
     db       of its transaction
     ensured  assets of which the transaction has made sure that they have a row
+    due      those of which other jobs wait by now
     """
 
     db: Connection | None = None
     ensured: set[str]
+    due: set[str]
+
+
+Took = Callable[[str, float], object]
 
 
 class Database:
-    """One database, for several threads of one process.
+    """One database, for several threads of one process."""
 
-    took  called with `commit` or `read` and how long a transaction or a query has taken [s]
-    """
-
-    def __init__(self, where: Path | str | Backend, *, claimed: bool = False, shared: bool = False) -> None:
+    def __init__(
+        self,
+        where: Path | str | Backend,
+        *,
+        claimed: bool = False,
+        shared: bool = False,
+        took: Took = lambda what, seconds: None,
+    ) -> None:
         """where    file of an SQLite database, the URL of a PostgreSQL database, or how another one is connected to
         claimed  whether no other service may write to it meanwhile
         shared   whether another process of this service has it open, and has examined it
+        took     called with `commit` or `read` and how long a transaction or a query has taken [s]
         """
         self.backend: Backend = backend_of(where) if isinstance(where, Path | str) else where
-        self.took: Callable[[str, float], object] = lambda what, seconds: None
+        self._took = took
         self._insert_asset = self.backend.insert(ASSETS).on_conflict_do_nothing().returning(ASSETS.c.asset)
         self._insert_name = self.backend.insert(NAMES).on_conflict_do_nothing().returning(NAMES.c.name)
         self._turns = threading.BoundedSemaphore(self.backend.writers)
@@ -71,10 +93,12 @@ class Database:
                 if self.backend.upgrades and not shared:
                     upgrade(self.backend)
                 self._writer, self._reader = self.backend.engines()
-                if claimed:
-                    sa.event.listen(self._writer, "connect", self._look_back)
+                sa.event.listen(self._writer, "connect", self._look_back)
                 if not shared:
                     self.backend.examine(self._reader)
+            if claimed:
+                with suppress(StorageUnavailable), self.transaction():
+                    pass  # leaves a mark: a database without it lacks what is read from now on
         except StorageUnavailable:
             self.backend.release()
             raise
@@ -118,8 +142,10 @@ class Database:
         assert key is not None
         return key[0]
 
-    def ensure(self, db: Connection, asset: str) -> None:
+    def ensure(self, db: Connection, asset: str, beside: str | None = None) -> None:
         """Has a row for an asset, which the rows of other tables refer to; it comes before all else that is written.
+
+        beside  another asset, of whose share a new one is
 
         InputError where another asset has or had the name, or the asset is of another share.
         """
@@ -132,6 +158,8 @@ class Database:
         share = db.execute(_SHARE, {"of": asset}).scalar()
         if share is None:
             share = self.backend.share_of(asset)
+            if beside is not None:
+                share = db.execute(_SHARE, {"of": beside}).scalar_one()
             given = {"asset": asset, "label": asset, "share": share}
             name = {"name": asset, "asset": asset, "labelled": asset}
             if not (db.execute(self._insert_asset, given).first() and db.execute(self._insert_name, name).first()):
@@ -141,13 +169,15 @@ class Database:
             raise taken(asset)
         self._present.ensured.add(asset)
 
+    def wait(self, db: Connection, *assets: str) -> None:
+        """Call it in a transaction that adds or ends jobs of assets: since when they wait is determined anew."""
+        for asset in assets:
+            self.ensure(db, asset)
+        self._present.due.update(assets)
+
     def named(self, db: Connection, asset: str, name: str) -> None:
         """Within the transaction that gives an asset a name."""
         self.backend.named(db, asset, name)
-
-    def shown(self, db: Connection, assets: Sequence[str]) -> None:
-        """Within the transaction that has written how assets are shown."""
-        self.backend.shown(db, assets)
 
     @contextmanager
     def transaction(self) -> Iterator[Connection]:
@@ -166,18 +196,22 @@ class Database:
                 with self._writer.connect() as db:
                     with self._begun(db):
                         yield db
+                        if self._present.due:
+                            db.execute(_DUE, {"of": sorted(self._present.due), "now": later_time_ns()})
                         mark, ensured = self.backend.mark(db), self._present.ensured
                     self._commit(db, mark)
-                    self._newest = mark or self._newest
-                    if self._alone:
-                        self._has_row |= ensured
-            self.took("commit", time.monotonic() - began)
+                self._newest = mark or self._newest
+                if self._alone:
+                    self._has_row |= ensured
+                if ensured:
+                    self.backend.tell(self._reader, ensured)
+            self._took("commit", time.monotonic() - began)
 
     @contextmanager
     def _begun(self, db: Connection) -> Iterator[None]:
         """A transaction that is rolled back where its work fails."""
         db.begin()
-        self._present.db, self._present.ensured = db, set()
+        self._present.db, self._present.ensured, self._present.due = db, set(), set()
         try:
             self.backend.begun(db)
             yield
@@ -189,9 +223,15 @@ class Database:
             self._present.db = None
 
     def _look_back(self, connection: Any, _: object) -> None:
-        """SteppedBack where a new connection leads to a database that lacks what was confirmed to this process."""
+        """SteppedBack where a new connection leads to a database that lacks what was confirmed to this process.
+
+        Once, where the claim is another's: whoever has it begins anew, or only an answer was lost. The mark of who has
+        written nothing for a week may have been deleted: then nobody knows, and beginning anew is what loses nothing.
+        """
         if self._newest is None or is_there(connection, self._newest):
             return
+        if not self._alone:
+            self._newest = None
         connection.close()
         raise SteppedBack(
             f"{self.backend.name} does not have what it had confirmed: it was put back, or another server took its "
@@ -219,8 +259,21 @@ class Database:
             began = time.monotonic()
             with self._reader.connect() as db:
                 found = list(db.execute(query, values).all())
-            self.took("read", time.monotonic() - began)
+            self._took("read", time.monotonic() - began)
             return found
+
+    @contextmanager
+    def watching(self) -> Iterator[CommitWatch]:
+        """For one thread that waits until something is committed."""
+        watch = self.backend.watching()
+        try:
+            yield watch
+        finally:
+            watch.close()
+
+    def at_work(self) -> AtWork:
+        """The assets that this process is at work on."""
+        return self.backend.at_work()
 
     def size(self) -> int:
         """What the database takes, with its write-ahead log [bytes]."""
@@ -236,6 +289,7 @@ class Database:
             meant = storage_error(error.orig or error, self.backend.name, lost=error.connection_invalidated)
             if meant is None:
                 raise
+            self.backend.verify()  # says more of a file that is gone than the driver does
             raise meant from error
         except UnicodeDecodeError as error:  # SQLite's own text, where damage reaches it
             raise StoreError(f"{self.backend.name} is damaged: what it says cannot be read as text") from error

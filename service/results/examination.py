@@ -13,10 +13,9 @@ from sqlalchemy.exc import SQLAlchemyError
 from service.errors import DamageError
 from service.results.backends import backend_of
 from service.results.data_folder import BASELINES, SEGMENTS
-from service.results.jobs import WINDOW
 from service.results.json_columns import load, seal
 from service.results.migrate import present
-from service.results.schema import ASSETS, JOBS, METADATA, WINDOWS
+from service.results.schema import ASSETS, JOBS, METADATA, WINDOW, WINDOWS
 from service.results.schema import BASELINES as OWN_BASELINES
 from service.results.segment_file import read_segment
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from service.errors import InputError
+from service.file_faults import whole_file
 from service.json_text import plain
 from service.results.sql_store import SqlStore
 
@@ -41,15 +41,8 @@ def export(
         for asset, name in sorted(assets.items(), key=lambda item: item[1])
         for row in _rows(store, asset, what, begin_ns, end_ns)
     )
-    unfinished = out.with_name(f"{out.name}.part")
-    try:
-        count = FORMS[form](rows, unfinished, WHAT[what])
-        unfinished.replace(out)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {(error.strerror or 'fault').lower()}") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return count
+    with whole_file(out) as unfinished:
+        return FORMS[form](rows, unfinished, WHAT[what])
 
 
 def _rows(store: SqlStore, asset: str, what: str, begin_ns: int, end_ns: int) -> Iterator[dict[str, Any]]:

@@ -6,58 +6,58 @@ await queue.wait(id, seconds) → job         once it has been carried out or re
 
 from __future__ import annotations
 
-import threading
+import asyncio
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
-from service.errors import StoreError
-from service.results.change_signal import DoneSignal
+from starlette.concurrency import run_in_threadpool
+
+from service.errors import StorageUnavailable
+from service.results.change_signal import ChangeSignal
 from service.results.jobs import Job, Jobs
 
-ALARM, ASSET = "alarm", "asset"
-"""What people write that is no job and is to be taken up: an alarm was signed, an asset was created."""
+LOOK_EVERY = 0.5  # how often who waits looks without having been woken [s]
 
 
 class JobQueue:
-    """Where people's jobs are submitted, and waited for.
+    """Where people's jobs are submitted, and waited for."""
 
-    look_every  how often who waits looks [s], where another process carries them out
-    """
-
-    def __init__(self, jobs: Jobs, look_every: float | None = None) -> None:
-        self.jobs, self._signal = jobs, DoneSignal(look_every)
-        self.asked = threading.Event()
-        if jobs.pending():
-            self.asked.set()
+    def __init__(self, jobs: Jobs) -> None:
+        self.jobs, self._signal, self._closed, self._released = jobs, ChangeSignal(), False, 0
 
     def submit(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a job; its id."""
-        try:
-            return self.jobs.add(asset, kind, given)
-        finally:  # also where nobody knows whether it was committed: then it is carried out if it was
-            self.asked.set()
+        return self.jobs.add(asset, kind, given)
 
     async def wait(self, number: int, seconds: float) -> Job | None:
-        """The job once it is done; None after so many seconds, or where the service ends before."""
-        return await self._signal.done(self.jobs.job, number, seconds)
+        """The job once it is settled; None after so many seconds, or where it is released before.
 
-    def assets(self) -> tuple[str, ...]:
-        """The assets of which something waits; for whoever has it carried out."""
-        self.asked.clear()
-        try:
-            return self.jobs.asked()
-        except StoreError:
-            self.asked.set()  # something may still wait
-            raise
+        No thread is held meanwhile.
+        """
+        released = self._released
+        with self._signal.listening() as changed, suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                while not self._closed and released == self._released:
+                    changed.clear()  # before reading: what is done while reading sets it again
+                    with suppress(StorageUnavailable):  # it may be read at the next look
+                        job = await run_in_threadpool(self.jobs.job, number)
+                        if job.settled:
+                            return job
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(changed.wait(), LOOK_EVERY)
+        return None
 
     def done(self) -> None:
-        """Wakes waiting callers."""
+        """Wakes waiting callers: something has been committed."""
         self._signal.wake()
 
     def release(self) -> None:
         """Releases waiting callers: the storage cannot be used now, and what is kept is carried out once it can."""
-        self._signal.release()
+        self._released += 1
+        self._signal.wake()
 
     def close(self) -> None:
-        """Releases waiting callers: the service ends, and what is kept is left to its next start."""
-        self._signal.close()
+        """Releases waiting callers, and those who come later: the service ends; its next start goes on."""
+        self._closed = True
+        self._signal.wake()

@@ -45,8 +45,8 @@ _GIVE_UP = update(WINDOWS).where(*_HAS, WINDOWS.c.number == bindparam("at")).val
 class KeptSignals:
     """Signals of windows of all assets."""
 
-    def __init__(self, database: Tables, folder: Callable[[str], Path], limit: int = 0) -> None:
-        """folder  of an asset's segments
+    def __init__(self, database: Tables, folder: Path, limit: int = 0) -> None:
+        """folder  of segments
         limit  bytes that one asset may take; 0: no more are kept
         """
         self._database, self._folder, self.limit = database, folder, limit
@@ -63,12 +63,11 @@ class KeptSignals:
         if gone:
             with self._database.transaction() as db:
                 db.execute(_GIVE_UP, [{"of": asset, "at": window.number} for window in gone])
-        return [self._folder(asset) / files[window] for window in gone]
+        return [self._folder / files[window] for window in gone]
 
     def kept(self, asset: str) -> tuple[KeptWindow, ...]:
         """What is kept of an asset, by number, as far as the files are there."""
-        folder = self._folder(asset)
-        return tuple(window for window, file in self._named(asset) if (folder / file).exists())
+        return tuple(window for window, file in self._named(asset) if (self._folder / file).exists())
 
     def indices(self, asset: str) -> tuple[int, ...]:
         """Indices of the windows that are kept, rising."""
@@ -83,7 +82,7 @@ class KeptSignals:
             raise NotKept(f"the raw signals of window {index} are not kept; {self._listed(asset)}")
         file, before = rows[0]
         try:
-            segment = read_segment(self._folder(asset) / file)
+            segment = read_segment(self._folder / file)
         except FileNotFoundError:
             raise NotKept(f"the raw signals of window {index} have been deleted") from None
         except (OSError, ValueError) as error:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from sqlalchemy import bindparam, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from service.errors import InputError
+from service.errors import NameTaken
 from service.results.schema import ASSETS, NAMES
 from service.results.store import Tables
 
@@ -25,9 +25,9 @@ _IS = NAMES.c.name == bindparam("of")
 _NOT_ITS_NAME = select(NAMES.c.name, NAMES.c.asset).where(NAMES.c.name != NAMES.c.asset)
 
 
-def taken(name: str) -> InputError:
+def taken(name: str) -> NameTaken:
     """A name has been given before."""
-    return InputError(f"there is an asset {name!r} already, or one that was called so: give another name")
+    return NameTaken(f"there is an asset {name!r} already, or one that was called so: give another name")
 
 
 class Names:
@@ -68,6 +68,12 @@ class Names:
         return not self.database.rows(select(NAMES.c.name).where(_IS), {"of": name})
 
     # -- writing -------------------------------------------------------------------------------------
+
+    def begin(self, name: str, beside: str) -> None:
+        """Has a new asset, of the share of another. InputError where its name has been given before."""
+        with self.database.transaction() as db:
+            self.demand_free(name)
+            self.database.ensure(db, name, beside)
 
     def demand_free(self, name: str) -> None:
         """InputError where a name has been given before."""

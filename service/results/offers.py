@@ -41,6 +41,9 @@ _PROPOSALS = (
 _DISMISSED = sa.select(OFFERS.c.name, OFFERS.c.dismissed_ns).where(
     OFFERS.c.share == sa.bindparam("of"), OFFERS.c.dismissed_ns.is_not(None)
 )
+_DIGESTS = sa.select(OFFERS.c.name, OFFERS.c.digest).where(
+    OFFERS.c.kind == RIG, OFFERS.c.name.in_(sa.bindparam("names", expanding=True))
+)
 _LEFT_OUT = sa.select(OFFERS.c.frames, OFFERS.c.data).where(OFFERS.c.kind == LEFT_OUT)
 _END = sa.delete(OFFERS).where(_IS)
 
@@ -129,8 +132,7 @@ class Offers:
 
     def digests(self, names: Collection[str]) -> dict[str, str]:
         """The digests of the rig files that are offered for some names."""
-        of_all = sa.select(OFFERS.c.name, OFFERS.c.digest).where(OFFERS.c.kind == RIG)
-        rows = self._database.rows(of_all.where(OFFERS.c.name.in_(names))) if names else []
+        rows = self._database.rows(_DIGESTS, {"names": sorted(names)}) if names else []
         return {name: digest for name, digest in rows}
 
     def write(

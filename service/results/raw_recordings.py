@@ -1,4 +1,4 @@
-"""A folder of MCAP recordings of what the service has used, as `gear-twin record` writes them, bounded by age and size.
+"""A folder of MCAP recordings of what comes on the network, which `gear-twin record` writes, bounded by age and size.
 
     <folder>/<asset>/<asset>_20261123T015000.250Z.mcap        complete, with its index; the time of its first frame
     <folder>/<asset>/<asset>_20261123T020000.250Z.mcap.part   being written, or left behind by a process that was killed
@@ -6,12 +6,13 @@
 A file is of one asset and holds its rig file, so that it can be assessed and replayed alone. It is completed once it is
 large or old enough, another rig file holds, or its asset has been silent. One that was left behind is read up to its
 last whole chunk, which is some seconds old at most, and completed by the next start. The oldest files are deleted where
-all together are too large or too old, or leave too little of the disk to others.
+all together are too large or too old, or leave too little of the disk to others. One process at a time writes there.
 """
 
 from __future__ import annotations
 
 import errno
+import fcntl
 import logging
 import os
 import shutil
@@ -24,11 +25,10 @@ from pathlib import Path
 
 from service.errors import InputError
 from service.results.asset_folders import folder_in
-from service.stream.frames import NS, Frame
+from service.stream.frames import NS
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
-from service.stream.wire.codec import encode
-from service.stream.wire.topics import PREFIX
+from service.stream.wire.topics import PREFIX, Channel
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ SUFFIX, UNFINISHED, COPY = ".mcap", ".part", ".completed"
 FLUSH_EVERY = 2.0  # a process that is killed costs no more than this [s]
 SILENT = 600.0  # time without a frame of an asset after which its file is completed [s]
 MOST_OPEN = 256  # files that are written at the same time
-DESCRIPTION = "frames used by gear-twin serve"
+DESCRIPTION = "recorded by gear-twin record"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +78,7 @@ class RawRecordings:
 
     rig_text_of  the rig file of an asset as TOML; None where there is none; it is asked with each frame
     free         bytes that are free where the folder is
+    turned       called again and again by what may take long
     """
 
     def __init__(
@@ -90,19 +91,22 @@ class RawRecordings:
         clock: Callable[[], float] = time.monotonic,
         now: Callable[[], float] = time.time,
         free: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        turned: Callable[[], None] = lambda: None,
     ) -> None:
         self.folder, self._limits, self._prefix = Path(folder), limits, prefix
-        self._rig_text_of, self._clock, self._now, self._free = rig_text_of, clock, now, free
+        self._rig_text_of, self._clock, self._now, self._free, self._turned = rig_text_of, clock, now, free, turned
         self._writing: dict[str, _Writing] = {}  # by asset, the longest silent first
         self._complete: dict[Path, _Complete] = {}  # the oldest first
         self._bytes = 0  # of them all
         self._flushed = clock()
+        self._held: int | None = None  # the folder, which no other process writes to meanwhile
         self.newest_ns = 0  # end of the newest frame that was written, Unix time [ns]
         self.deleted = 0  # files since the start
 
     def begin(self) -> None:
         """Looks at what is there, and completes what a killed process left behind."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        self._hold()
         self._complete, self._bytes = {}, 0
         for path, size, written in sorted(recordings_in(self.folder), key=lambda each: each[2]):
             self._add(path, size, written)
@@ -113,17 +117,17 @@ class RawRecordings:
                 self._recover(left)
         self._delete_old()
 
-    def write(self, frame: Frame) -> None:
-        """Adds one frame to its asset's file, or to another one where another rig file holds by now."""
-        asset = frame.channel.asset
-        begun = self._writing.get(asset)
-        if begun is not None and self._rig_text_of(asset) not in (None, begun.rig_text):
+    def write(self, channel: Channel, start_ns: int, end_ns: int, payload: bytes) -> None:
+        """Adds one frame, as it came, to its asset's file, or to another one where another rig file holds by now."""
+        asset = channel.asset
+        rig_text, begun = self._rig_text_of(asset), self._writing.get(asset)
+        if begun is not None and begun.rig_text is not None and rig_text not in (None, begun.rig_text):
             self._finish(asset)
-        writing = self._writing.pop(asset, None) or self._open(asset, frame.start_time_ns)
+        writing = self._writing.pop(asset, None) or self._open(asset, start_ns, rig_text)
         self._writing[asset] = writing
         writing.newest = self._clock()
-        writing.writer.write(frame.channel, frame.end_time_ns, encode(frame))
-        self.newest_ns = max(self.newest_ns, frame.end_time_ns)
+        writing.writer.write(channel, end_ns, payload)
+        self.newest_ns = max(self.newest_ns, end_ns)
         if writing.writer.size >= self._limits.roll_bytes:
             self._finish(asset)
 
@@ -134,6 +138,7 @@ class RawRecordings:
             return
         self._flushed = now
         for asset, writing in list(self._writing.items()):
+            self._attach_rig(asset, writing)
             writing.writer.flush()
             if now - writing.begun > self._limits.roll_seconds or now - writing.newest > SILENT:
                 self._finish(asset)
@@ -144,6 +149,7 @@ class RawRecordings:
         for writing in self._writing.values():
             writing.writer.abandon()
         self._writing = {}
+        self._release()
 
     def forget(self, path: Path) -> None:
         """Notes that a complete file has been moved elsewhere."""
@@ -154,6 +160,7 @@ class RawRecordings:
         """Completes all files."""
         for asset in list(self._writing):
             self._finish(asset)
+        self._release()
 
     @property
     def size(self) -> int:
@@ -165,7 +172,24 @@ class RawRecordings:
     def files(self) -> int:
         return len(self._complete) + len(self._writing)
 
-    def _open(self, asset: str, start_ns: int) -> _Writing:
+    def _hold(self) -> None:
+        self._release()
+        held = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(held)
+            raise OSError(errno.EBUSY, "another process records there") from None
+        except OSError:  # its file system cannot lock
+            pass
+        self._held = held
+
+    def _release(self) -> None:
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
+
+    def _open(self, asset: str, start_ns: int, rig_text: bytes | None) -> _Writing:
         while len(self._writing) >= MOST_OPEN:
             self._finish(next(iter(self._writing)))
         self._demand_room()
@@ -178,16 +202,23 @@ class RawRecordings:
             path = folder / f"{stem}_{number}{SUFFIX}"
         metadata = {"asset": asset, "description": DESCRIPTION, "started": datetime.now(UTC).isoformat()}
         part = path.with_name(path.name + UNFINISHED)
-        rig_text = self._rig_text_of(asset)
-        writer = _writer(part, rig_text, metadata, self._prefix)
+        writer = RecordingWriter(part, rig_text=rig_text, metadata=metadata, prefix=self._prefix)
         now = self._clock()
         return _Writing(writer, rig_text, now, now)
 
     def _finish(self, asset: str) -> None:
+        self._turned()
         writing = self._writing[asset]
+        self._attach_rig(asset, writing)
         writing.writer.close(sync=True)
         del self._writing[asset]
         self._note_complete(writing.writer.path, writing.writer.path.with_suffix(""))
+
+    def _attach_rig(self, asset: str, writing: _Writing) -> None:
+        """Attaches a rig file that was not known yet when the file was begun."""
+        if writing.rig_text is None and (rig_text := self._rig_text_of(asset)) is not None:
+            writing.writer.attach_rig(rig_text)
+            writing.rig_text = rig_text
 
     def _note_complete(self, written: Path, path: Path) -> None:
         written.replace(path)
@@ -205,12 +236,15 @@ class RawRecordings:
         try:
             with (
                 Recording(left, self._prefix) as recording,
-                _writer(copy, recording.rig_text, recording.metadata, self._prefix) as writer,
+                RecordingWriter(
+                    copy, rig_text=recording.rig_text, metadata=recording.metadata, prefix=self._prefix
+                ) as writer,
             ):
                 frames = 0
                 for frame in recording.messages():
                     writer.write(*frame)
                     frames += 1
+                    self._turned()
                 writer.close(sync=True)
         except InputError as error:
             copy.unlink(missing_ok=True)
@@ -279,10 +313,3 @@ def recordings_in(folder: Path, suffix: str = SUFFIX) -> list[tuple[Path, int, f
             about = path.stat()
             found.append((path, about.st_size, about.st_mtime))
     return sorted(found)
-
-
-def _writer(path: Path, rig_text: bytes | None, metadata: dict[str, str], prefix: str) -> RecordingWriter:
-    try:
-        return RecordingWriter(path, rig_text=rig_text, metadata=metadata, prefix=prefix)
-    except InputError as error:
-        raise error.__context__ or OSError(str(error)) from None

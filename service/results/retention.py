@@ -17,12 +17,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sqlalchemy import and_, bindparam, delete, func, or_, select, update
+from sqlalchemy import Connection, Delete, and_, bindparam, delete, func, or_, select, update
 
 from service.results.alarm_store import MOST_HISTORY
 from service.results.extremes import drop_before, is_extreme
-from service.results.schema import ALARM_HISTORY, ALARMS, EVENTS, NUMBER, WINDOWS
+from service.results.schema import ALARM_HISTORY, ALARMS, ASSETS, EVENTS, NUMBER, WINDOWS
 from service.results.store import Tables
+from service.settings import Settings
 
 DAY_NS = 86_400 * 10**9
 BATCH = 200  # rows that one transaction deletes: a window waits for it for some milliseconds
@@ -40,6 +41,14 @@ class Retention:
     events: int  # newest events of an asset
     alarms: int = 10_000  # newest closed alarms of an asset
     history: int = MOST_HISTORY  # newest entries of one alarm
+
+    @classmethod
+    def of(cls, settings: Settings) -> Retention:
+        """What the settings say."""
+        return cls(
+            whole_days=settings.keep_whole_days, every=settings.keep_every, days=settings.keep_days,
+            events=settings.keep_events, alarms=settings.keep_alarms,
+        )  # fmt: skip
 
 
 STAYS = (  # a window that is committed is notable
@@ -112,6 +121,8 @@ _LONG_HISTORIES = (
     .group_by(ALARM_HISTORY.c.alarm)
     .having(func.count() > bindparam("kept"))
 )
+_COUNT = update(ASSETS).where(ASSETS.c.asset == bindparam("of")).values(deleted=ASSETS.c.deleted + bindparam("rows"))
+_DELETED = select(func.coalesce(func.sum(ASSETS.c.deleted), 0))
 
 
 def delete_old(
@@ -153,6 +164,7 @@ def _delete_windows(
         with database.transaction() as db:
             gone = delete(WINDOWS).where(*own, WINDOWS.c.notable < END_OF_EPOCH)  # an epoch may have ended since
             files = db.execute(gone.returning(WINDOWS.c.segment)).scalars().all()
+            _count(database, db, asset, len(files))
             if old[0].number <= dropped:
                 drop_before(db, asset, db.execute(_FIRST_KEPT, {"of": asset}).scalar_one())
         for file in files:
@@ -167,7 +179,7 @@ def _delete_events(database: Tables, asset: str, retention: Retention) -> int:
         return 0
     old = [row[0] for row in database.rows(_EVENTS, {"of": asset, "until": until[0][0]})]
     with database.transaction() as db:
-        db.execute(delete(EVENTS).where(EVENTS.c.id.in_(old)))
+        _delete(database, db, asset, delete(EVENTS).where(EVENTS.c.id.in_(old)))
     return len(old)
 
 
@@ -176,7 +188,7 @@ def _delete_alarms(database: Tables, asset: str, retention: Retention) -> int:
     if old:
         with database.transaction() as db:
             db.execute(delete(ALARM_HISTORY).where(ALARM_HISTORY.c.alarm.in_(old)))
-            db.execute(delete(ALARMS).where(ALARMS.c.id.in_(old)))
+            _delete(database, db, asset, delete(ALARMS).where(ALARMS.c.id.in_(old)))
     return len(old)
 
 
@@ -186,6 +198,20 @@ def _delete_history(database: Tables, asset: str, retention: Retention) -> int:
         own = select(ALARM_HISTORY.c.id).where(ALARM_HISTORY.c.alarm == alarm)
         old = [row[0] for row in database.rows(own.order_by(ALARM_HISTORY.c.id.desc()).offset(retention.history))]
         with database.transaction() as db:
-            db.execute(delete(ALARM_HISTORY).where(ALARM_HISTORY.c.id.in_(old[-BATCH:])))
+            _delete(database, db, asset, delete(ALARM_HISTORY).where(ALARM_HISTORY.c.id.in_(old[-BATCH:])))
         count += len(old[-BATCH:])
     return count
+
+
+def deleted_of(database: Tables) -> int:
+    """How many rows of all assets have been deleted."""
+    return int(database.rows(_DELETED)[0][0])
+
+
+def _delete(database: Tables, db: Connection, asset: str, rows: Delete) -> None:
+    _count(database, db, asset, db.execute(rows).rowcount)
+
+
+def _count(database: Tables, db: Connection, asset: str, rows: int) -> None:
+    database.ensure(db, asset)
+    db.execute(_COUNT, {"of": asset, "rows": rows})

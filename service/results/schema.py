@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0012"
+REVISION = "0015"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -52,7 +52,10 @@ ASSETS = Table(
     *(_number(n, "0") for n in ("windows", "updates", "epoch")),
     _number("received_ns", nullable=True),
     _number("seal", nullable=True),
-    _number("mark", "0"),  # another one whenever a job of the asset goes on from something else
+    _number("deleted", "0"),  # rows that were older than they are kept
+    _number("mark", "0"),  # a random number, another one with each job: who began from an earlier one commits nothing
+    _number("due", nullable=True),  # since when a job of it can be carried out; 0 for one that people wait for
+    _text("worker", nullable=True),  # who has carried out its last job
     *(
         Column(n, Text, nullable=False, server_default="") for n in ("area", "level", "data", "words")
     ),  # see `asset_rows`
@@ -62,6 +65,8 @@ ASSETS = Table(
     Index("assets_by_share", "share", "asset"),
     Index("assets_by_severity", text("severity DESC"), "label"),
     Index("assets_by_area", "area", text("severity DESC"), "label"),
+    Index("assets_by_version", "version"),
+    Index("assets_due", "due", sqlite_where=text("due IS NOT NULL")),  # on a server, too: `migrations`
 )
 WINDOWS = Table(
     "windows",
@@ -71,6 +76,7 @@ WINDOWS = Table(
     _json("record"),
     _json("figures"),
     _json("before", nullable=True),  # what its making took from the window before
+    _json("stages", nullable=True),  # when each of its stages ended, and how long the twin took: see `journey`
     _number("number", "0"),
     _number("epoch", "0"),
     _number("seal", nullable=True),
@@ -117,7 +123,9 @@ FAULT_TOTALS = Table(
     _number("windows"),
     sqlite_with_rowid=False,
 )
-PEOPLES = "done = 0 AND kind <> 'window'"  # people's jobs that wait: few, whatever waits besides
+WINDOW = "window"  # kind of the jobs that are windows
+PEOPLES = "done = 0 AND kind <> 'window'"  # what goes before windows, people's jobs and notices: few, whatever waits
+ENDED = "done = 1 AND followed = 0"  # jobs that have ended, and were not followed yet
 JOBS = Table(  # see `jobs`
     "jobs",
     METADATA,
@@ -129,14 +137,19 @@ JOBS = Table(  # see `jobs`
     _number("done", "0"),
     _text("refused", nullable=True),
     _json("outcome", nullable=True),
-    _text("verb", nullable=True),  # of a decision
+    _text("verb", nullable=True),  # of a decision; what a notice is about
     _number("start_ns", nullable=True),  # of a window
     _number("bytes", nullable=True),  # of a window's file
     _text("file", nullable=True),  # name of that
     _number("held", "0"),  # whether it waits for an answer by people ...
     _number("again", "0"),  # ... or has done so before
     _text("refuse", nullable=True),  # why a window is not to be used
+    _number("tries", "0"),  # how often it has ended whoever carried it out ...
+    _text("fault", nullable=True),  # ... and how the last time
+    _json("stages", nullable=True),  # of what people ask, as those of a window
+    _number("followed", "0"),  # whether who receives frames has followed what it led to
     Index("jobs_of_people", "id", sqlite_where=text(PEOPLES)),  # on a server, too: `migrations`
+    Index("jobs_to_follow", "id", sqlite_where=text(ENDED)),
     Index("jobs_of_asset", "asset", "kind", "id"),
     sqlite_autoincrement=True,
 )
@@ -201,3 +214,13 @@ AUDIT = Table(
     sqlite_autoincrement=True,
 )
 COMMITS = Table("commits", METADATA, _text("writer", primary_key=True), _number("number"), _number("written_ns"))
+ROLES = Table(  # what each process of the service says of itself: see `roles`
+    "roles",
+    METADATA,
+    *(_text(n, primary_key=n == "id") for n in ("id", "role", "host")),
+    _text("node", nullable=True),
+    _number("share", nullable=True),  # of a fleet
+    *(_number(n) for n in ("began_ns", "beat")),
+    _text("not_ready", nullable=True),
+    _json("figures"),
+)

@@ -16,7 +16,6 @@ from typing import Any
 from mcap.records import Channel as ChannelRecord
 from mcap.records import McapRecord, Message
 
-from service.errors import InputError
 from service.stream.frames import Frame
 from service.stream.pieces import Piece, size_of
 from service.stream.samples import Span
@@ -37,10 +36,7 @@ def write_segment(path: Path, segment: Segment) -> int:
 
     A file that cannot be written is deleted again; the folder's own list of names is made durable by `sync_folder`.
     """
-    try:
-        writer = RecordingWriter(path, chunk_bytes=CHUNK_BYTES, compressed=False)
-    except InputError as error:
-        raise error.__context__ or OSError(str(error)) from None
+    writer = RecordingWriter(path, chunk_bytes=CHUNK_BYTES, compressed=False)
     try:
         frames, parts = _frames(segment)
         for piece in frames:

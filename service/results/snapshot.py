@@ -26,6 +26,7 @@ class Stale:
 
     since_ns: int  # Unix time of this machine [ns]
     reason: str
+    notice: int = field(default=0, compare=False)  # by which it is known: a window that came later ends it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +65,7 @@ class Snapshot:
     received_ns: int | None = None  # when the newest window was committed or held, Unix time of this machine [ns]
     last_frame_ns: int | None = None  # when the newest frame came, Unix time of this machine [ns]
     stale: Stale | None = None
-    damaged: Stale | None = None  # why nothing more is processed, until the next start
+    damaged: Stale | None = None  # why nothing more is processed
     sparkline: Sparkline = field(default_factory=Sparkline)
     waiting: Waiting | None = None  # windows to be assessed; None where none has waited for long
     unstored: tuple[str, str] | None = None  # why results cannot be stored now, and since when (ISO 8601)
@@ -136,7 +137,6 @@ class Snapshot:
             windows_total=self.windows_total + 1,
             updates=self.updates + bool(window.record.get("updated")),
             fault_totals=_added(self.fault_totals, window.record),
-            stale=None,
             sparkline=self.sparkline.with_record(window.record),
         )
 

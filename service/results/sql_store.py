@@ -8,7 +8,7 @@ window that is committed already is not committed again, so nothing is counted t
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -69,9 +69,16 @@ _FROM = (  # with a range and a limit: SQLite walks along the asset's windows wh
 )
 _MARK = select(ASSETS.c.mark).where(ASSETS.c.asset == NAMED)
 _HOLD = (
-    update(ASSETS).where(ASSETS.c.asset == NAMED, ASSETS.c.mark == bindparam("before")).values(mark=bindparam("now"))
+    update(ASSETS)
+    .where(ASSETS.c.asset == NAMED, ASSETS.c.mark == bindparam("before"))
+    .values(mark=bindparam("now"), worker=bindparam("by"), due=None)
 )
 _RENEW = update(ASSETS).where(ASSETS.c.asset == NAMED).values(mark=bindparam("now"))
+_STAGES = (
+    select(*(WINDOWS.c[n] for n in ("number", "record", "stages")))
+    .where(WINDOWS.c.asset == NAMED, WINDOWS.c.number >= bindparam("first"))
+    .order_by(WINDOWS.c.number)
+)
 _NEXT_INDEX = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == NAMED)
 _OF_WINDOW = and_(WINDOWS.c.asset == EVENTS.c.asset, WINDOWS.c.start_ns == EVENTS.c.start_ns)
 _RECORD_OR_DATA = func.coalesce(WINDOWS.c.record, EVENTS.c.data)
@@ -157,6 +164,7 @@ class SqlStore:
         report: Mapping[str, Any] | None,
         received_ns: int,
         before: Mapping[str, Any] | None = None,
+        stages: Mapping[str, Any] | None = None,
         making: Mapping[str, Any] | None = None,
         events: Iterable[tuple[str, Mapping[str, Any]]] = (),
         segment: str | None = None,
@@ -165,6 +173,7 @@ class SqlStore:
         """One window, whole; None (and nothing changed) where it is there already.
 
         before  what its making took from the window before
+        stages  when its stages ended: see `journey`
         making  what the next one goes on from, and what is counted of windows
         segment  name of the file of its signals; None where they are not kept
         """
@@ -176,7 +185,7 @@ class SqlStore:
             number, epoch = record["index"], counts["epoch"]
             row = {
                 "asset": asset, "start_ns": start_ns, "record": dump(record), "figures": dump(shown),
-                "before": dump(before),
+                "before": dump(before), "stages": dump(stages),
                 "number": number, "epoch": epoch, "seal": seal(start_ns, number, epoch),
                 "segment": segment, "segment_bytes": segment_bytes, "revolutions": record.get("revolutions"),
                 "found": int(any(kind == "effect" for kind, _ in events)), "refused": int(refused),
@@ -196,15 +205,17 @@ class SqlStore:
             self._add_events(db, asset, events, start_ns, record)
         return StoredWindow(start_ns=start_ns, record=plain(record), figures=shown)
 
-    def hold(self, asset: str, before: int, now: int) -> bool:
+    def hold(self, asset: str, before: int, now: int, worker: str | None = None) -> bool:
         """Within the transaction of a job, first of all: nobody else has changed what it goes on from.
 
         before, now  the asset's mark that the job began with, and the one that it leaves
+        worker       who has carried it out
 
         False where an earlier attempt of the same job was committed already. Superseded where it may not be committed.
         """
         with self._transaction() as db:
-            if db.execute(_HOLD, {"of": asset, "before": before, "now": now}).rowcount:
+            if db.execute(_HOLD, {"of": asset, "before": before, "now": now, "by": worker}).rowcount:
+                self.database.wait(db, asset)
                 return True
             if self.mark(asset) == now:
                 return False
@@ -218,6 +229,23 @@ class SqlStore:
         """Index of an asset's next window."""
         return self._rows(_NEXT_INDEX, {"of": asset})[0][0]
 
+    def arrived(self, asset: str, first: int) -> Iterator[tuple[int, Mapping[str, Any], Mapping[str, Any]]]:
+        """The windows of an asset from an index on: their indices, records and stages."""
+        for number, record, stages in self._rows(_STAGES, {"of": asset, "first": first}):
+            what = f"window {number} of {asset}"
+            yield number, salvage(record, what) or {}, salvage(stages, f"the stages of {what}") or {}
+
+    def has_window(self, asset: str, start_ns: int) -> bool:
+        """Whether a window has been processed."""
+        query = select(WINDOWS.c.number).where(WINDOWS.c.asset == asset, WINDOWS.c.start_ns == start_ns)
+        return bool(self._rows(query))
+
+    def next_indices(self) -> dict[str, int]:
+        """Index of the next window of each asset."""
+        newest = select(func.coalesce(func.max(WINDOWS.c.number) + 1, 0)).where(WINDOWS.c.asset == ASSETS.c.asset)
+        found = self._rows(select(ASSETS.c.asset, newest.scalar_subquery()).where(self._own))
+        return dict(tuple(row) for row in found)
+
     def note(self, asset: str, events: Iterable[tuple[str, Mapping[str, Any]]], window_ns: int | None = None) -> None:
         """Takes in what happened outside a window, or after one that is committed."""
         events = list(events)
@@ -229,13 +257,8 @@ class SqlStore:
 
     def keep_rig(self, asset: str, rig: Mapping[str, Any]) -> None:
         """Keeps the rig file's mapping for the asset, in place of an earlier one; a job under way is begun anew."""
-        with self._transaction():
-            self.keep(asset, rig=rig)
-            self.renew(asset)
-
-    def renew(self, asset: str) -> None:
-        """What jobs of the asset go on from is changed by the present transaction, which is no job's."""
         with self._transaction() as db:
+            self.keep(asset, rig=rig)
             db.execute(_RENEW, {"of": asset, "now": new_mark()})
 
     def keep(self, asset: str, **parts: Any) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -70,8 +70,6 @@ def faults_of(record: Mapping[str, Any]) -> dict[tuple[str, str, str], int]:
 class Tables(Protocol):
     """A database that several stores keep their tables in: service/results/database.py."""
 
-    took: Callable[[str, float], object]
-
     @property
     def share(self) -> int | None: ...
 
@@ -87,8 +85,8 @@ class Tables(Protocol):
 
     def add(self, db: Any, table: Any, row: Mapping[str, Any]) -> int: ...
 
-    def ensure(self, db: Any, asset: str) -> None: ...
+    def ensure(self, db: Any, asset: str, beside: str | None = None) -> None: ...
+
+    def wait(self, db: Any, *assets: str) -> None: ...
 
     def named(self, db: Any, asset: str, name: str) -> None: ...
-
-    def shown(self, db: Any, assets: Sequence[str]) -> None: ...

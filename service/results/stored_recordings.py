@@ -15,6 +15,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from service.errors import InputError, StoreError
+from service.file_faults import reading
 from service.results.asset_folders import asset_of_folder
 from service.results.object_store import ObjectStore, is_url
 from service.results.scratch import scratch
@@ -105,12 +106,10 @@ def stored_recordings(given: Iterable[str]) -> list[StoredRecording]:
 
 
 def _of_path(path: Path) -> list[StoredRecording]:
-    try:
+    with reading(path):
         if path.is_dir():
             return _grouped(str(path), [(str(p.relative_to(path)), part_of(p)) for p in path.rglob(f"*{SUFFIX}")])
         return [_single(path.name, part_of(path))]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
 
 
 def _of_url(url: str) -> list[StoredRecording]:

@@ -6,7 +6,9 @@ list is in memory, so that no callback waits for the database; `runtime/offer_wr
 
 Once an asset has been adopted its frames are used, but not from the middle of what a publisher sends that keeps its
 frames until they are stored: it is asked to send all of them again, in their order, by another `instance` in the answer
-to its next question, and what it sends before that question is left out still.
+to a question, and what it has sent before is left out still. What is on its way when it asks may come after the
+question, so that it is let in by the first question before which nothing has come for a moment; until then it is
+answered that nothing has come, and sends nothing.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ MOST_CHANNELS = 32  # of one unknown asset that are named
 RIGS_BYTES = 2**21  # of all rig files that are offered for unknown assets, as text
 ASKED_WITHIN = 30.0  # a publisher that has asked within this time is going to ask again [s] ...
 NEXT_QUESTION = 15.0  # ... and is waited for so long [s]
+ON_THE_WAY = 0.5  # frames that were sent before a question may come so much later than it [s]
 MOST_ASKING = 1024  # publishers that are known to ask
 SAY_EVERY = 60.0  # that assets are unknown is logged so often at most [s]
 
@@ -85,7 +88,8 @@ class UnknownAssets:
         self._asking: OrderedDict[str, float] = OrderedDict()  # streams whose publishers ask how far they are stored
         self._let_in: set[str] = set()
         self._renewed: set[str] = set()  # of them, those that were not known from the start
-        self._waiting: dict[str, float] = {}  # adopted: until when the next question is waited for
+        self._waiting: dict[str, float] = {}  # adopted: until when the next question is waited for,
+        self._came: dict[str, float] = {}  # and when a frame has come last, or the first question has
         self._said = float("-inf")
         self.frames = 0  # that were left out
         self.forgotten = 0  # assets that left the list for want of room
@@ -129,11 +133,12 @@ class UnknownAssets:
         if not self._asks or self._known is None or stream in self._let_in:
             return True
         with self._lock:
-            if self._known(stream):
+            now = self._clock()
+            if self._known(stream) and not self._has_some_on_their_way(stream, now):
                 self._open(stream)
                 return True
             self._asking.pop(stream, None)
-            self._asking[stream] = self._clock()
+            self._asking[stream] = now
             if len(self._asking) > MOST_ASKING:
                 self._asking.popitem(last=False)
             return False
@@ -199,16 +204,23 @@ class UnknownAssets:
     def _begins(self, stream: str) -> bool:
         """Whether a stream whose asset has become known is let in now, rather than after a question."""
         now, until = self._clock(), self._waiting.get(stream)
+        self._came[stream] = now
         if until is None:
-            entry = self._entries.pop(stream, None)
-            asking = now - self._asking.get(stream, float("-inf")) < ASKED_WITHIN
-            if entry is not None and entry.frames and asking:
+            self._entries.pop(stream, None)
+            if now - self._asking.get(stream, float("-inf")) < ASKED_WITHIN:
                 self._waiting[stream] = now + NEXT_QUESTION
                 return False
         elif now < until:
             return False
         self._open(stream)
         return True
+
+    def _has_some_on_their_way(self, stream: str, now: float) -> bool:
+        """Whether frames may come that were sent before a question about a stream that has become known."""
+        if stream not in self._entries and stream not in self._asking and stream not in self._came:
+            return False  # nothing of it was left out
+        until = self._waiting.setdefault(stream, now + NEXT_QUESTION)
+        return now < until and now - self._came.setdefault(stream, now) < ON_THE_WAY
 
     def _leave_out(self, stream: str, why: str) -> None:
         with self._lock:
@@ -219,7 +231,7 @@ class UnknownAssets:
         log.warning("frames are left out: %s", why, extra={"asset": stream})
 
     def _open(self, stream: str) -> None:
-        for part in (self._entries, self._asking, self._waiting):
+        for part in (self._entries, self._asking, self._waiting, self._came):
             part.pop(stream, None)
         self._renewed.add(stream)
         self._let_in.add(stream)

@@ -19,10 +19,9 @@ from sqlalchemy import Connection, bindparam, delete, func, select, union_all, u
 
 from service.contract.base import iso_time
 from service.errors import StoreError
-from service.results.commit_marks import probe
-from service.results.jobs import WINDOW
+from service.results.jobs import NOTICE, STALE
 from service.results.json_columns import dump, salvage
-from service.results.schema import ASSETS, JOBS, WINDOWS
+from service.results.schema import ASSETS, JOBS, WINDOW, WINDOWS
 from service.results.segment_file import SUFFIX, sync_folder, write_segment
 from service.results.store import Tables
 from service.steady_clock import later_time_ns
@@ -34,19 +33,25 @@ PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
 _IS = JOBS.c.kind == WINDOW
 _OF = JOBS.c.asset == bindparam("of")
-_NAMES = ("id", "asset", "start_ns", "received_ns", "bytes", "file", "held", "again", "refuse")
+_NAMES = ("id", "asset", "start_ns", "received_ns", "bytes", "file", "held", "again", "refuse", "tries", "fault")
 _ALL_WAITING = select(*(JOBS.c[n] for n in _NAMES)).where(_IS).order_by(JOBS.c.id)
 _WAITING = _ALL_WAITING.where(_OF)
 _NEXT = _WAITING.where(JOBS.c.held == 0).limit(1)
 _NEWEST = select(*(JOBS.c[n] for n in _NAMES)).where(_IS, _OF).order_by(JOBS.c.id.desc()).limit(1)
 _HELD = select(func.count()).where(_IS, _OF, JOBS.c.held == 1)
-_END_WAITING = delete(JOBS).where(JOBS.c.id == bindparam("number")).returning(*(JOBS.c[n] for n in _NAMES))
+_IS_THIS = (JOBS.c.id == bindparam("number"), _IS, JOBS.c.received_ns == bindparam("received"))
+_END_WAITING = delete(JOBS).where(*_IS_THIS).returning(*(JOBS.c[n] for n in _NAMES))
 _END_WAITING_FROM = delete(JOBS).where(_IS, _OF, JOBS.c.id >= bindparam("number"))
+_NO_LONGER = delete(JOBS).where(_OF, JOBS.c.kind == NOTICE, JOBS.c.verb == STALE)
 _THIS = update(JOBS).where(JOBS.c.id == bindparam("number"))
+_HOLD = update(JOBS).where(*_IS_THIS).values(held=1)
 _RELEASE = update(JOBS).where(_IS, _OF, JOBS.c.held == 1)
 _BEFORE = select(JOBS.c.given).where(JOBS.c.id == bindparam("number"))
 _GO_ON_FROM = update(ASSETS).where(ASSETS.c.asset == bindparam("of"))
-_COUNTED = (func.count(), func.count(JOBS.c.file), func.sum(JOBS.c.bytes), func.min(JOBS.c.received_ns))
+_COUNTED = (
+    *(func.count(), func.count(JOBS.c.file), func.sum(JOBS.c.bytes)),
+    *(func.min(JOBS.c.received_ns), func.max(JOBS.c.received_ns)),
+)
 _COUNTS = select(JOBS.c.asset, JOBS.c.held, *_COUNTED).where(_IS).group_by(JOBS.c.asset, JOBS.c.held)
 
 
@@ -63,6 +68,8 @@ class WaitingWindow:
     held: bool = False  # whether it waits for an answer by people ...
     again: bool = False  # ... or has done so before
     refuse: str | None = None  # why it is not to be used; None where it is
+    tries: int = 0  # how often it has ended whoever carried it out ...
+    fault: str | None = None  # ... and how the last time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +81,7 @@ class Backlog:
     bytes: int = 0  # of all of them, on disk
     left_out: int = 0  # of both, those without their frames
     since_ns: int | None = None  # when the oldest was made durable that is to be processed; None where none is
+    newest_ns: int = 0  # when the newest of all was
 
     @property
     def all_windows(self) -> int:
@@ -88,9 +96,13 @@ class Backlog:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Written:
-    """The file of a window that nothing names yet."""
+    """The file of a window that nothing names yet.
+
+    name  by which rows are to name it
+    """
 
     path: Path
+    name: str
     start_ns: int
     bytes: int
 
@@ -99,26 +111,26 @@ class WindowJobs:
     """The windows of all assets that wait: in the results' database and the folder of segments."""
 
     def __init__(self, database: Tables, folder: Path | None = None, *, sweeps: bool = True) -> None:
-        """folder  of segments; None where no window ever waits
+        """folder  of segments; None where no window ever waits. Those of a fleet's share are in one of their own in it
         sweeps  whether files that no row names are deleted now
         """
-        self._database, self.folder = database, folder
+        self.database, self.folder = database, folder
+        self._within = "" if database.share is None else f"{database.share:03d}/"  # how names of files begin here
         if folder is None or not sweeps:
             return
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            (folder / self._within).mkdir(parents=True, exist_ok=True)
             wait = select(JOBS.c.file).where(_IS, database.own(JOBS.c.asset))
             kept = select(WINDOWS.c.segment).where(WINDOWS.c.segment.is_not(None), database.own(WINDOWS.c.asset))
             named = {row[0] for row in database.rows(union_all(wait, kept))}
-            for path in folder.iterdir():
-                if path.name not in named:
-                    path.unlink(missing_ok=True)  # of a window that was never committed, or has been given up
+            for name in self._files() - named:
+                (folder / name).unlink(missing_ok=True)  # of a window that was never committed, or has been given up
         except OSError as error:
             raise StoreError(f"{folder} cannot hold the segments of windows: {error.strerror or error}") from error
 
     def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction of the database, which other stores in it share."""
-        return self._database.transaction()
+        return self.database.transaction()
 
     def write(self, segment: Segment) -> Written:
         """Makes the frames of a window that is to wait durable, before the transaction, which others wait for.
@@ -126,26 +138,27 @@ class WindowJobs:
         No two files have one name, also where another process has had the folder before.
         """
         assert self.folder is not None
-        path = self.folder / f"{segment.start_ns}_{secrets.token_hex(8)}{SUFFIX}"
+        path = self.folder / self._within / f"{segment.start_ns}_{secrets.token_hex(8)}{SUFFIX}"
         size = write_segment(path, segment)
         try:
-            sync_folder(self.folder)
+            sync_folder(path.parent)
         except BaseException:
             delete_file(path)
             raise
-        return Written(path=path, start_ns=segment.start_ns, bytes=size)
+        return Written(path=path, name=self._within + path.name, start_ns=segment.start_ns, bytes=size)
 
     def add_waiting(self, asset: str, written: Written, before: Mapping[str, Any] | None = None) -> WaitingWindow:
-        """Keeps a window until its turn comes.
+        """Adds a window's job, and drops the notice that none has come of the asset for long.
 
         before  where the asset's stream went on before it; empty before its first window
         """
-        now, name = later_time_ns(), written.path.name
+        now, name = later_time_ns(), written.name
         with self.transaction() as db:
-            self._database.ensure(db, asset)
+            self.database.wait(db, asset)
+            db.execute(_NO_LONGER, {"of": asset})
             row = {"asset": asset, "start_ns": written.start_ns, "bytes": written.bytes, "file": name}
             row |= {"given": dump(before), "kind": WINDOW, "received_ns": now}
-            number = self._database.add(db, JOBS, row)
+            number = self.database.add(db, JOBS, row)
         return WaitingWindow(
             id=number, asset=asset, start_ns=written.start_ns, received_ns=now, bytes=written.bytes, file=name
         )
@@ -153,38 +166,39 @@ class WindowJobs:
     def leave_out(self, window: WaitingWindow, reason: str) -> None:
         """A window that waits becomes a refused record in its turn; its file is deleted once that is committed."""
         with self.transaction() as db:
+            self.database.wait(db, window.asset)
             left_out = _THIS.values(refuse=reason, file=None, bytes=0, given=None, held=0, again=JOBS.c.held)
             db.execute(left_out, {"number": window.id})
         delete_file(self.path_of(window))
 
-    def hold(self, number: int) -> None:
-        """A window waits for an answer by people from now on."""
+    def hold(self, window: WaitingWindow) -> bool:
+        """A window waits for an answer by people from now on; False where it does not wait any more."""
         with self.transaction() as db:
-            db.execute(_THIS.values(held=1), {"number": number})
+            self.database.wait(db, window.asset)
+            return bool(db.execute(_HOLD, _key(window)).rowcount)
 
     def release(self, asset: str, refuse: str | None = None) -> None:
         """The windows that waited for an answer go on; or are refused, for a reason."""
         with self.transaction() as db:
+            self.database.wait(db, asset)
             values = {"held": 0, "again": 1} | ({} if refuse is None else {"refuse": refuse})
             db.execute(_RELEASE.values(values), {"of": asset})
 
     def probe(self) -> None:
-        """Writes to the folder and to the database, as a window is written; StoreError or OSError where that fails."""
+        """Writes to the folder, as a window is written; OSError where that fails."""
         assert self.folder is not None
-        path = self.folder / secrets.token_hex(8)
+        path = self.folder / self._within / secrets.token_hex(8)
         try:
             path.write_bytes(bytes(PROBE_BYTES))
         finally:
             path.unlink(missing_ok=True)
-        probe(self._database)
 
     def step_back(self) -> None:
         """Has each asset go on before the first of its windows that wait without their file, so that they come again.
 
         A database that was put back names windows that have been processed since, and whose files went with that.
         """
-        assert self.folder is not None
-        files = {path.name for path in self.folder.iterdir()}
+        files = self._files()
         for asset, waiting in self.all_waiting().items():
             gone = next((w for w in waiting if w.file is not None and w.file not in files), None)
             if gone is None:
@@ -195,6 +209,7 @@ class WindowJobs:
                 if before is None:
                     continue
                 db.execute(_GO_ON_FROM.values(assembly=dump(before or None)), {"of": asset})
+                self.database.wait(db, asset)
                 ended = db.execute(_END_WAITING_FROM, {"of": asset, "number": gone.id}).rowcount
             log.warning(
                 "%s: the database is older than the files of its windows: from %s on, %d windows that had been "
@@ -207,54 +222,67 @@ class WindowJobs:
 
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
-        return tuple(map(_window, self._database.rows(_WAITING, {"of": asset})))
+        return tuple(map(_window, self.database.rows(_WAITING, {"of": asset})))
 
     def newest(self, asset: str) -> WaitingWindow | None:
         """The window of an asset that came last."""
-        return next(map(_window, self._database.rows(_NEWEST, {"of": asset})), None)
+        return next(map(_window, self.database.rows(_NEWEST, {"of": asset})), None)
 
     def next(self, asset: str) -> WaitingWindow | None:
         """The window of an asset whose turn it is."""
-        return next(map(_window, self._database.rows(_NEXT, {"of": asset})), None)
+        return next(map(_window, self.database.rows(_NEXT, {"of": asset})), None)
 
     def held(self, asset: str) -> int:
         """How many windows of an asset wait for an answer by people."""
-        return self._database.rows(_HELD, {"of": asset})[0][0]
+        return self.database.rows(_HELD, {"of": asset})[0][0]
 
     def backlogs(self) -> dict[str, Backlog]:
         """What waits, by asset."""
         found: dict[str, Backlog] = {}
-        own = self._database.own(JOBS.c.asset)
-        for asset, held, windows, files, size, since_ns in self._database.rows(_COUNTS.where(own)):
+        own = self.database.own(JOBS.c.asset)
+        for asset, held, windows, files, size, since_ns, newest_ns in self.database.rows(_COUNTS.where(own)):
             known = found.get(asset, Backlog())
             counted = {"held": windows} if held else {"windows": windows, "since_ns": since_ns}
-            counted["left_out"] = known.left_out + windows - files
+            counted |= {"left_out": known.left_out + windows - files, "newest_ns": max(known.newest_ns, newest_ns)}
             found[asset] = replace(known, bytes=known.bytes + int(size or 0), **counted)
         return found
 
     def all_waiting(self) -> dict[str, tuple[WaitingWindow, ...]]:
         """The windows of all assets that wait, by asset."""
         waiting: dict[str, tuple[WaitingWindow, ...]] = {}
-        for kept in map(_window, self._database.rows(_ALL_WAITING.where(self._database.own(JOBS.c.asset)))):
+        for kept in map(_window, self.database.rows(_ALL_WAITING.where(self.database.own(JOBS.c.asset)))):
             waiting[kept.asset] = (*waiting.get(kept.asset, ()), kept)
         return waiting
 
-    def drop_waiting(self, number: int) -> WaitingWindow | None:
+    def drop_waiting(self, window: WaitingWindow) -> WaitingWindow | None:
         """Ends the wait of a window that is processed by the present transaction; None where it has ended before."""
         with self.transaction() as db:
-            row = db.execute(_END_WAITING, {"number": number}).one_or_none()
-        return None if row is None else _window(row)
+            row = db.execute(_END_WAITING, _key(window)).one_or_none()
+            if row is None:
+                return None
+            self.database.wait(db, row.asset)
+        return _window(row)
 
     def path_of(self, window: WaitingWindow) -> Path | None:
         """The file of a window that waits; None where it is left out."""
         assert self.folder is not None
         return None if window.file is None else self.folder / window.file
 
+    def _files(self) -> set[str]:
+        """The names of all files here."""
+        assert self.folder is not None
+        return {self._within + path.name for path in (self.folder / self._within).iterdir() if path.is_file()}
+
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
-            self._database.ensure(db, other)
+            self.database.wait(db, asset, other)
             db.execute(update(JOBS).where(_IS, JOBS.c.asset == asset).values(asset=other))
+
+
+def _key(window: WaitingWindow) -> dict[str, int]:
+    """By what a row is known: a database that was put back may number another one so."""
+    return {"number": window.id, "received": window.received_ns}
 
 
 def _window(row: Any) -> WaitingWindow:

@@ -8,7 +8,7 @@ from typing import Any
 
 from service.contract.answer import RigSummary, assemble
 from service.errors import FrameError, InputError
-from service.files.recorded_rig import Source, choose_asset, rig_of
+from service.files.rig import Source, choose_asset, rig_of
 from service.runtime.outcomes import Outcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import Twin, gear_twin

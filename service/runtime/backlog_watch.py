@@ -9,9 +9,8 @@ from service.results.asset_table import AssetTable
 from service.results.snapshot import Snapshot, Waiting
 from service.results.window_jobs import Backlog
 from service.runtime.backlogs import Backlogs
-from service.runtime.computing import Computing
 from service.runtime.questions import ALL_WAIT
-from service.runtime.state_publication import StatePublication
+from service.runtime.workers import Workers
 
 LOOK_EVERY = 1.0  # [s]
 SHOWN_AFTER = 2.0  # how long the oldest window has waited before it is said to wait [s]
@@ -23,13 +22,12 @@ class BacklogWatch:
     def __init__(
         self,
         backlogs: Backlogs,
-        computing: Computing,
+        workers: Workers,
         table: AssetTable,
-        publication: StatePublication,
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._backlogs, self._computing, self._table, self._publication = backlogs, computing, table, publication
+        self._backlogs, self._workers, self._table = backlogs, workers, table
         self._clock, self._looked = clock, float("-inf")
         self._shown = {snapshot.asset for snapshot in table.every() if snapshot.waiting is not None}
 
@@ -39,13 +37,12 @@ class BacklogWatch:
         if now - self._looked < LOOK_EVERY:
             return
         self._looked = now
-        at_work, reason = frozenset(map(self._named, self._computing.at_work())), self._computing.unusable()
+        at_work, reason = frozenset(map(self._named, self._workers.at_work())), self._workers.unusable()
         for asset in {*self._backlogs.all, *self._shown}:
             shown = self._table.latest(asset)
             found = waiting_of(self._backlogs.of(asset), shown, self._named(asset), at_work, reason)
             if shown is not None and shown.waiting != found:
                 self._table.note(asset, waiting=found)
-                self._publication.publish(asset)
             (self._shown.discard if found is None else self._shown.add)(asset)
 
     def _named(self, asset: str) -> str:

@@ -17,17 +17,16 @@ from service.results.asset_rows import put
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SEGMENTS
-from service.results.job_queue import JobQueue
 from service.results.jobs import Jobs
 from service.results.kept_signals import KeptSignals
 from service.results.names import Names
 from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
-from service.results.store import StoredAsset
 from service.results.unknown_assets import Elsewhere, UnknownAssets, everything_here
 from service.results.window_jobs import WindowJobs
-from service.runtime.rigs import GivenRigs, Rigs
-from service.runtime.worker import Kept
+from service.runtime.kept import Kept, Start
+from service.runtime.rig_sources import GivenRigs
+from service.runtime.rigs import Rigs
 from service.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -59,22 +58,22 @@ class Begun(AbstractContextManager["Begun"]):
             segments = settings.data / SEGMENTS
             windows = WindowJobs(store.database, segments)
             windows.step_back()
-            jobs = Jobs(store.database)
             names = Names(store.database)
             alarms = AlarmKeeper(AlarmStore(store.database), rules_at(settings.alarm_rules), settings.webhooks)
             declare(settings, store, names, elsewhere)
-            known, table = stack.enter_context(_restored(store, alarms))
+            jobs = Jobs(store.database)
+            table, start = stack.enter_context(_restored(store, alarms, jobs))
             kept = Kept(
                 store=store,
                 table=table,
-                queue=JobQueue(jobs),
+                jobs=jobs,
                 windows=windows,
-                signals=KeptSignals(store.database, lambda asset: segments, settings.signal_bytes),
+                signals=KeptSignals(store.database, segments, settings.signal_bytes),
                 unknown=unknown_of(settings, elsewhere),
                 baselines=BaselineStore(store.database, settings.data / BASELINES),
                 names=names,
                 alarms=alarms,
-                known=known,
+                start=[start],
             )
             rigs = Rigs(
                 store,
@@ -93,14 +92,13 @@ class Begun(AbstractContextManager["Begun"]):
 
 
 @contextmanager
-def _restored(store: SqlStore, alarms: AlarmKeeper) -> Iterator[tuple[dict[str, StoredAsset], AssetTable]]:
-    """All assets of the store, and what is shown of them as long as the service runs."""
+def _restored(store: SqlStore, alarms: AlarmKeeper, jobs: Jobs) -> Iterator[tuple[AssetTable, Start]]:
+    """What is shown of all assets as long as the service runs, and what their streams go on from."""
     with long_lived():
-        known = {stored.asset: stored for stored in store.all_assets()}
         table = AssetTable(store, alarms, most=None)
-        table.load(known.values())
+        start = Start.read(jobs, table.load)
     try:
-        yield known, table
+        yield table, start
     finally:
         gc.unfreeze()
 

@@ -11,6 +11,7 @@ from service.runtime.reception import assembly_settings
 from service.runtime.twin_port import Twin, gear_twin
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
+from service.transport.zenoh_links import ZenohLinks
 
 if TYPE_CHECKING:  # options are made where they are used: the service's own process computes nothing
     from twin.options import Options
@@ -39,7 +40,7 @@ def options_of(
 
     Raises service.errors.InputError where a file cannot be used.
     """
-    from service.files.detectability import nulls_of
+    from service.files.detectability import read_nulls
     from twin.options import Options
 
     baseline, known, relation = None, None, relation or settings.relation
@@ -56,7 +57,7 @@ def options_of(
         error_threshold=settings.error_threshold,
         trace=settings.trace and trace,
         false_alarm_rate=settings.false_alarm_rate if false_alarm_rate is None else false_alarm_rate,
-        nulls=nulls_of(detectability_files(settings, detectability)),
+        nulls=dict(map(read_nulls, detectability_files(settings, detectability))),
         baseline=baseline,
         relation=known,
         status_limits=settings.status_limits,
@@ -92,11 +93,37 @@ def assess_by_settings(
     )  # fmt: skip
 
 
-def zenoh_of(settings: Settings) -> OpenTransport:
-    """Zenoh at the endpoints of the settings."""
+def zenoh_of(settings: Settings, within: Path | None = None) -> OpenTransport:
+    """Zenoh at the endpoints of the settings.
+
+    within  a folder of this service's alone, in which an embedded router listens for the service's other processes
+    """
     from service.transport.zenoh import open_zenoh
 
-    links = settings.zenoh_links
-    return partial(
-        open_zenoh, settings.listen, settings.connect, settings.prefix, CONNECT_WAIT, links, answers_alone=True
-    )
+    links, listen = settings.zenoh_links, list(settings.listen)
+    if within is not None and not settings.connect:
+        listen.append(socket_in(within))
+    return partial(open_zenoh, listen, settings.connect, settings.prefix, CONNECT_WAIT, links, answers_alone=True)
+
+
+def client_of(settings: Settings, within: Path) -> OpenTransport:
+    """Zenoh for another process of a service, as a client of the service's router, or of that which it is a client of.
+
+    The embedded router lets it in as the first of the users whom it knows.
+    """
+    from service.transport.zenoh import open_zenoh
+
+    if settings.connect:
+        return partial(open_zenoh, (), settings.connect, settings.prefix, CONNECT_WAIT, settings.zenoh_links)
+    links, users = ZenohLinks(), settings.zenoh_users
+    if users is not None and users.is_file():
+        user, _, password = users.read_text(encoding="utf-8").strip().partition("\n")[0].strip().partition(":")
+        links = ZenohLinks(user=user, password=password)
+    return partial(open_zenoh, (), (socket_in(within),), settings.prefix, CONNECT_WAIT, links)
+
+
+def socket_in(folder: Path) -> str:
+    """The endpoint of a folder."""
+    from service.transport.zenoh_session import WITHIN
+
+    return f"{WITHIN}/{folder}/zenoh"

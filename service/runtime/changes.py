@@ -92,7 +92,7 @@ class Changes:
 
     def _machine(self, place: Place, change: Job, made: Made) -> Outcome:
         """A change of the machine: what it ends of the twin's memory begins again."""
-        asset, question, shown = change.asset, place.question, self._table.latest(change.asset)
+        asset, question, shown = change.asset, place.question, self._table.get(change.asset)
         assert made.answer is not None
         epoch, revolutions = (0, None) if shown is None else (shown.epoch, shown.latest.get("revolutions"))
         changed: dict[str, Any] = {}
@@ -136,7 +136,7 @@ class Changes:
         rig = question.get("rig") or self._store.asset(asset).rig
 
         def give() -> None:
-            self._names.demand_free(name)
+            self._names.begin(name, beside=asset)
             self._store.note(name, [("change", {"kind": "created", "from": asset})])
             if rig is not None:
                 self._store.keep_rig(name, rig)
@@ -171,10 +171,14 @@ class Changes:
 
     def _retire(self, place: Place, change: Job, made: Made) -> Outcome:
         """The asset is out of use, or in use again."""
-        retired = None
-        if change.kind == "retired":
-            retired = {"since": iso_time(change.received_ns)} | {k: change.given.get(k) for k in ("by", "note")}
-        return _outcome(change, {}, retired=retired)
+        if change.kind == "reinstated":
+            return _outcome(change, {}, retired=None)
+        retired = {"since": iso_time(change.received_ns)} | {k: change.given.get(k) for k in ("by", "note")}
+        shown = self._table.get(change.asset)
+        if shown is None or shown.stale is None:
+            return _outcome(change, {}, retired=retired)
+        outcome = _outcome(change, {}, retired=retired, stale=None)  # nothing is expected of it any more
+        return replace(outcome, judge=lambda alarms, data: alarms.data(change.asset, data))
 
     def _baseline(self, place: Place, change: Job, made: Made) -> Outcome:
         """The asset has another healthy baseline of its own, or none."""

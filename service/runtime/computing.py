@@ -1,4 +1,4 @@
-"""What is asked of an asset's twin, and what it led to; and the turns of assets, which whoever computes is given.
+"""What is asked of an asset's twin, and what it led to.
 
     made = carry_out(call)
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from service.contract.base import iso_time
 from service.errors import StoreError
@@ -106,86 +106,23 @@ class Made:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Turn:
-    """An asset's next job is to be done.
-
-    hand_back  whether nothing is done where it leads to a search for effects, which may take long
-    tried      a row of the table of jobs that was begun, and of which nobody has told whether it has ended; 0 for none
-    refuse     what to say of that row where it has ended those who have tried it; None where it is tried again
-    """
-
-    asset: str
-    hand_back: bool = False
-    tried: int = 0
-    refuse: str | None = None
-
-    def refusal(self, row: int) -> str | None:
-        """Why a row is refused, or None."""
-        return self.refuse if self.tried == row else None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Turned:
-    """What was done of an asset's jobs. Times are Unix times of this host [ns].
+    """What was done of an asset's jobs.
 
-    job       id of the job that has ended, or waits for people from now on; None where none has; with `unstored`, that
-              of which nobody knows
-    verb      what the twin was asked; empty where it was not
+    job       id of the job that has ended, or waits for people from now on; None where none has
     index     of the window that was committed; -1 where it was none
-    grade     of that window
-    held      whether the window waits for people
-    parts     how long the twin took: `total`, and the parts that it names [s]
-    fault     whether the job was refused as a fault of the program
-    more      whether another job of the asset waits for its turn
     search    whether nothing was done, since a search for effects is due
-    stopped   why nothing can be done of the asset until the next start
+    stopped   why nothing can be done of the asset now
     unstored  why it could not be committed now; what was computed is at hand for the next turn
     """
 
     asset: str
     job: int | None = None
     kind: str = ""
-    verb: str = ""
     index: int = -1
-    grade: str = ""
-    held: bool = False
-    started_ns: int = 0
-    made_ns: int = 0
-    stored_ns: int = 0
-    parts: Mapping[str, float] = field(default_factory=dict)
-    fault: bool = False
-    more: bool = False
     search: bool = False
     stopped: str | None = None
     unstored: StoreError | OSError | None = None
-
-
-class Computing(Protocol):
-    """Where turns are carried out."""
-
-    def start(self, turn: Turn, done: Callable[[Turned], None]) -> None:
-        """Carries a turn out, and calls `done` with what was done: at once, or later in the thread that collects."""
-        ...
-
-    def collect(self) -> None:
-        """Hands on what has been done since."""
-        ...
-
-    def close(self) -> None:
-        """Begins nothing more, and waits for nothing."""
-        ...
-
-    def unusable(self) -> str | None:
-        """Why nothing can be computed, or None."""
-        ...
-
-    def at_work(self) -> tuple[str, ...]:
-        """The assets whose turns are being carried out."""
-        ...
-
-    def figures(self) -> Mapping[str, float]:
-        """Figures for /metrics."""
-        ...
 
 
 def carry_out(call: Call) -> Made:

@@ -7,8 +7,7 @@ for it by name where they are kept; where none is found, it is computed.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from hashlib import blake2b
@@ -38,11 +37,15 @@ LEVEL = 1  # of the compression
 SOURCES = ("*.py", "*.c", "*.h")  # the equations that a curve was computed by
 
 
-class CurvePlace(Protocol):
+class CurveStore(Protocol):
     """Where curves are kept; can be handed to another process."""
 
     def read(self, asset: str, name: str) -> bytes | None:
         """A curve by its name, compressed; None where there is none, or it cannot be read."""
+        ...
+
+    def keep(self, asset: str, curves: Curves) -> None:
+        """Keeps an asset's new curves, and deletes those that it no longer uses; as far as that is possible now."""
         ...
 
 
@@ -59,38 +62,47 @@ class Curves:
 
 
 class WorkerCurves:
-    """The curves of one process that computes."""
+    """The curves of one process that computes.
 
-    def __init__(self) -> None:
+    store  where others find them; None for nowhere
+    """
+
+    def __init__(self, store: CurveStore | None) -> None:
+        self._store, self._asset = store, ""
         self._kept: dict[str, dict[PathKey, int]] = {}  # by asset and key: how many points have been kept
 
-    @contextmanager
-    def read_from(self, place: CurvePlace | None, asset: str) -> Iterator[None]:
-        """Curves that this process lacks are read from a place while inside."""
-        if place is None:
-            yield
+    def at(self, asset: str | None, curves_of: Callable[[str], Mapping[PathKey, WearPath]]) -> None:
+        """An asset is worked on from now on, whose curves are read; or none any more, and its new ones are kept.
+
+        curves_of  those of an asset that are at hand
+        """
+        if self._store is None:
             return
         from twin.updating.model_cache import PATHS
 
-        def known(key: PathKey) -> KeptPoints | None:
-            packed = None if not key.furthest else place.read(asset, name_of(key))
-            if packed is None:
-                return None
-            try:
-                points = unpacked(packed)
-            except InputError as error:
-                log.warning("a wear curve that was kept cannot be read, and is computed again: %s", error)
-                return None
-            self._kept.setdefault(asset, {})[key] = len(points.depth)
-            return points
+        if asset is not None:
+            self._asset, PATHS.known = asset, self._known
+            return
+        PATHS.known = lambda key: None
+        new = self._new_of(self._asset, curves_of(self._asset))
+        if new is not None:
+            self._store.keep(self._asset, new)
 
-        PATHS.known = known
+    def _known(self, key: PathKey) -> KeptPoints | None:
+        """A curve that this process lacks."""
+        assert self._store is not None
+        packed = None if not key.furthest else self._store.read(self._asset, name_of(key))
+        if packed is None:
+            return None
         try:
-            yield
-        finally:
-            PATHS.known = lambda key: None
+            points = unpacked(packed)
+        except InputError as error:
+            log.warning("a wear curve that was kept cannot be read, and is computed again: %s", error)
+            return None
+        self._kept.setdefault(self._asset, {})[key] = len(points.depth)
+        return points
 
-    def new_of(self, asset: str, curves: Mapping[PathKey, WearPath]) -> Curves | None:
+    def _new_of(self, asset: str, curves: Mapping[PathKey, WearPath]) -> Curves | None:
         """What is to be kept of an asset's curves; None where nothing is new."""
         points = {key: len(path.points[0]) for key, path in curves.items()}
         before = self._kept.get(asset, {})

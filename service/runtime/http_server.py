@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import signal
 import socket
@@ -17,6 +18,7 @@ from service.runtime.http_gate import Gate, GatedSocket
 from service.runtime.http_protocol import Times, bounded
 from service.runtime.http_tls import Tls, context_of, load_certificate
 
+TICK = 0.25  # how often the server looks whether it should end [s]
 HTTP_WAIT = 2  # how long open requests are waited for at the end [s]
 log = logging.getLogger(__name__)
 
@@ -57,7 +59,7 @@ class HttpServer(uvicorn.Server):
     ending   called at the end, before open requests are waited for
     stop     ends the server when set; None where only signals end it
     front    how HTTP is served
-    tick     called ten times a second
+    tick     called every TICK seconds
     """
 
     def __init__(
@@ -98,12 +100,15 @@ class HttpServer(uvicorn.Server):
         if not self.should_exit:
             self._started()
 
-    async def on_tick(self, counter: int) -> bool:
-        """Whether the server should end."""
-        self._tick()
-        if self._stop is not None and self._stop.is_set():
-            self.should_exit = True
-        return await super().on_tick(counter)
+    async def main_loop(self) -> None:
+        """Looks from time to time whether the server should end."""
+        while True:
+            self._tick()
+            if self._stop is not None and self._stop.is_set():
+                self.should_exit = True
+            if await self.on_tick(0):  # 0: the date of its answers is that of the turn
+                return
+            await asyncio.sleep(TICK)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Ends event streams, then waits for open requests."""

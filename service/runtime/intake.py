@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 
-from service.errors import FrameError
+from service.errors import FrameError, NameTaken
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
@@ -25,6 +25,7 @@ class Intake:
 
     show_quality  shows the counters of an asset
     heard         called for each frame that comes, valid or not, of a channel that makes windows
+    begins        called before an asset is opened for its first frame; NameTaken where there is none of its name
     """
 
     def __init__(
@@ -33,14 +34,14 @@ class Intake:
         show_quality: Callable[[str], None],
         *,
         heard: Callable[[str], None] = lambda asset: None,
+        begins: Callable[[str], None] = lambda asset: None,
         storage: StorageWatch | None = None,
         learning: LearningPhase | None = None,
         held_bytes: int = HELD_BYTES,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._reception, self._show_quality, self._clock = reception, show_quality, clock
-        self._heard, self._storage = heard, storage
-        self.begins: Callable[[str], None] = lambda asset: None  # called before an asset is opened for its first frame
+        self._heard, self._begins, self._storage = heard, begins, storage
         self.left_out = 0  # frames of new assets for which there was no room while the storage could not be used
         self._unopened: dict[str, list[Frame]] = {}  # the first frames of new assets that wait for storage
         self._unopened_bytes, self._held_bytes = 0, held_bytes
@@ -165,18 +166,26 @@ class Intake:
         self._known.add(asset)
 
     def _open(self, asset: str) -> bool:
-        """Looks for a new asset's rig file now: who offers it may be gone later. False where that must wait."""
+        """Looks for a new asset's rig file now: who offers it may be gone later. False where that must wait.
+
+        NameTaken where it is a name that another asset has been given meanwhile.
+        """
 
         def look() -> None:
-            self.begins(asset)
+            self._begins(asset)
             self._reception.open(asset)
 
         if asset in self._known:
             return True
-        if self._storage is None:
+        try:
+            if self._storage is not None:
+                return self._storage.attempt(look)[0]
             look()
-            return True
-        return self._storage.attempt(look)[0]
+        except NameTaken:
+            self._unopened_bytes -= sum(held.nbytes for held in self._unopened.pop(asset, ()))
+            self._missing.pop(asset, None)
+            raise
+        return True
 
     def _note(self, channel: Channel) -> None:
         if not CHANNEL_KINDS[channel.kind].slow:  # slow values go on between windows

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from service.alarms.keeper import AlarmKeeper
 from service.operation.journey import Journey
+from service.results.window_jobs import WaitingWindow
 from service.runtime.twin_port import Events
 from service.stream.segment import Segment
 from twin.windows import Window
@@ -49,8 +50,9 @@ class Outcome:
     index: int = -1  # from 0, counting refused ones
     window: Window | None = None  # as it was used; without its signals where its frames were kept in a file
     record: Mapping[str, Any] = field(default_factory=dict)  # the contract's `windows[]`, with `quality` and `faults`
-    waited: int | None = None  # number of the job that the window was; None where it has none
+    waited: WaitingWindow | None = None  # the job that the window was; None where it has none
     before: Mapping[str, Any] | None = None  # what its making took from the window before
+    stages: Mapping[str, Any] = field(default_factory=dict)  # when its stages ended: see `journey`
     making: Mapping[str, Any] | None = None  # what the making of the next window goes on from, and what is counted
     signals: bool = True  # whether it has any
     held: bool = False  # whether a window waits from now on until people have answered

@@ -57,13 +57,13 @@ def nothing(place: Place, job: Job) -> Ask | None:
 class JobKind(NamedTuple):
     """How a kind of job is carried out. TwinError or InputError refuses the job.
 
-    then     what it leads to, with what the twin has made
+    then     what it leads to, with what the twin has made; None where that is nothing
     ask      what is asked of the twin; None where nothing is
     refused  the outcome of a job that cannot be carried out, by the reason
     begins   whether it can be carried out before the asset's first window
     """
 
-    then: Callable[[Place, Job, Made], Outcome]
+    then: Callable[[Place, Job, Made], Outcome | None]
     ask: Callable[[Place, Job], Ask | None] = nothing
     refused: Callable[[Job, str], Mapping[str, Any] | None] = lambda job, reason: None
     begins: bool = False

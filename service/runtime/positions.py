@@ -75,6 +75,7 @@ class Positions:
     source     who knows them
     pending    the windows of a stream that have closed
     unknown    the streams that are not used, which have no queue
+    moved      streams of which something has come since their position was published: who feeds them adds to it
     """
 
     def __init__(
@@ -85,19 +86,20 @@ class Positions:
         *,
         pending: Callable[[str], ClosedWindows] = lambda stream: ClosedWindows(),
         unknown: UnknownAssets | None = None,
+        moved: set[str] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._inbox, self._network, self._source = inbox, network, source
         self._unknown = unknown or UnknownAssets()
         self._pending, self._clock = pending, clock
-        self._instance = uuid4().hex
+        self.instance = uuid4().hex
         self._lock = threading.Lock()
         self._open: dict[int, tuple[float, str, Reply, str | None]] = {}  # questions without an answer, by number
         self._asking: Counter[str | None] = Counter()  # how many of them each session has asked
         self._answered: OrderedDict[str, float] = OrderedDict()  # when sessions that send were last answered
         self._asked = 0
         self._held_back: list[tuple[str, int]] = []
-        self._moved: set[str] = set()  # streams of which something has come since their position was published
+        self._moved = set() if moved is None else moved
         self._published: dict[str, tuple[float, PositionModel]] = {}  # when, and what
         self._looked = float("-inf")
         self._ending = threading.Event()
@@ -199,7 +201,7 @@ class Positions:
         Frames that came since are not in it.
         """
         _, known = self._published.get(stream, (0.0, None))
-        known = known or PositionModel(asset=stream, instance=self._instance, accepting=True)
+        known = known or PositionModel(asset=stream, instance=self.instance, accepting=True)
         refusal = self._source.refusal(stream)
         closed = self._pending(stream)
         now = {
@@ -214,7 +216,7 @@ class Positions:
 
     def _instance_of(self, stream: str) -> str:
         """Another one where earlier frames must be sent again: after a start, and where the asset has been adopted."""
-        return f"{self._instance}-adopted" if self._unknown.renewed(stream) else self._instance
+        return f"{self.instance}-adopted" if self._unknown.renewed(stream) else self.instance
 
     def _model(self, stream: str) -> PositionModel:
         found = self._source.position(stream) or Position()

@@ -17,7 +17,8 @@ from service.stream.publishers import Publishers
 from service.stream.wire.codec import decode
 from service.stream.wire.topics import Channel
 
-_POLL = 0.1  # how often the loop looks whether it should end, and for silence [s]
+_POLL, _POLL_SELDOM = 0.1, 0.5  # how often the loop looks for silence, and where nothing has come for a while [s]
+_QUIET = 10.0  # that while [s]
 _STARVED = 0.25  # a turn of the loop that takes longer was held up: the rest of it is no silence of a stream [s]
 _IDLE_FACTOR = 2.5  # silence, in frames, that cannot be mere jitter
 _SLOWEST = 60.0  # no stream is waited for longer than this [s]
@@ -149,7 +150,7 @@ class _Rhythm:
 
 
 class FrameConsumer(Protocol):
-    """Whom the pump drives: a `Pipeline`, or the service's `Intake` before one."""
+    """Whom the pump drives: a `Pipeline`, or the service's `Streams` before its `Intake`."""
 
     def feed(self, frame: Frame) -> None: ...
 
@@ -181,7 +182,7 @@ class Pump:
     waits         whether a session that sends frames waits for an answer, or has been given one and not gone on;
                   called with its name and when the newest frame of its other streams came [s]
     asks          whether a session asks what is stored of what it sends: it sends a recording
-    between       called between frames, at least every tenth of a second while no window is being processed
+    between       called between frames, and at least every half second
     asset_of      the asset that a stream belongs to at present
     clock         the monotonic clock [s]
     """
@@ -206,7 +207,7 @@ class Pump:
         self._rhythms: dict[str, _Rhythm] = {}  # by asset
         self._senders: dict[str, _Sender] = {}  # by session
         self._now = 0.0  # stands still while the process does, and while publishers wait [s]
-        self._turned = clock()
+        self._turned = self._came = clock()
         self._looked = 0.0
 
     def run(self, stop: threading.Event) -> None:
@@ -215,15 +216,20 @@ class Pump:
         An exception of the consumer ends it; called again, it goes on where it was.
         """
         while not stop.is_set() or not self._inbox.empty:
-            self.turn(self._inbox.take(_POLL))
+            poll = _POLL if self._turned - self._came < _QUIET or self._holding() else _POLL_SELDOM
+            self.turn(self._inbox.take(poll), poll)
             self._between()
 
-    def turn(self, item: Item | None) -> None:
-        """One turn of the loop: what has arrived, if anything has, and from time to time a look for silence."""
+    def turn(self, item: Item | None, poll: float = _POLL) -> None:
+        """One turn of the loop: what has arrived, if anything has, and from time to time a look for silence.
+
+        poll  how long it was waited for at most [s]
+        """
         turned = self._clock()
         if not self._holding():
-            self._now += min(turned - self._turned, _STARVED)
+            self._now += min(turned - self._turned, _STARVED + poll - _POLL)
         self._turned = turned
+        self._came = self._came if item is None else turned
         if isinstance(item, Arrival):
             self._take(item)
         elif isinstance(item, Shed):
@@ -313,23 +319,3 @@ class Pump:
             self._consumer.flush(stream)
         elif rhythm.ended:
             self._consumer.wait_only_for(stream, set(channels) - rhythm.ended)
-
-
-def pump(
-    inbox: Inbox,
-    consumer: FrameConsumer,
-    stop: threading.Event,
-    idle_timeout: float = 3.0,
-    between: Callable[[], None] = lambda: None,
-    *,
-    channel_wait: float = CHANNEL_WAIT,
-    holding: Callable[[], bool] = lambda: False,
-    waits: Callable[[str, float], bool] = lambda sender, heard: False,
-    asks: Callable[[str], bool] = lambda sender: False,
-    asset_of: Callable[[str], str] = lambda stream: stream,
-) -> None:
-    """Takes arrivals to a consumer until `stop` is set."""
-    Pump(
-        inbox, consumer, idle_timeout, between, channel_wait=channel_wait, holding=holding, waits=waits,
-        asks=asks, asset_of=asset_of,
-    ).run(stop)  # fmt: skip

@@ -1,28 +1,33 @@
-"""The thread that keeps what the service has used as rolling MCAP files, so that no frame waits for the disk.
+"""The recorder: a process of its own that keeps what comes on the network as rolling MCAP files.
 
-A frame is offered when it is put in order for its window. Where the disk is slower than the stream, frames are left out
-of the recordings, counted and logged; where it is full or fails, the recording stops, says so, and is tried again with
-growing pauses. Windows and results do not depend on it.
+It subscribes by itself, so that neither the service's queues nor its end take frames from it. Where the disk is slower
+than the stream, frames are left out of the recordings, counted and logged; where it is full or fails, the recording
+stops, says so, and is tried again with growing pauses.
 """
 
 from __future__ import annotations
 
 import logging
-import queue
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from service.operation.health import RAW_RECORDINGS, Health
-from service.results.asset_table import AssetTable
+from service.errors import NotReachable
+from service.logs import logging_by
+from service.results.database import Database
+from service.results.raw_recordings import RawLimits, RawRecordings
+from service.runtime.recorded_assets import RecordedAssets
+from service.runtime.recorder import Recorded, Recorder
+from service.runtime.rig_sources import GivenRigs, OfferedRigs
 from service.settings import HOUR, Settings
-from service.setup.toml_text import document_text
-from service.stream.frames import Frame
+from service.stream.inbox import MANY_STREAMS, Arrival, Inbox
+from service.stream.left_out import NO_ROOM
+from service.transport.protocol import OpenTransport, Transport
 
-if TYPE_CHECKING:  # what writes recordings is not loaded where none are kept
-    from service.results.raw_recordings import RawRecordings
+if TYPE_CHECKING:  # what moves recordings is not loaded where they stay
     from service.results.raw_segments import SegmentSender
 
 log = logging.getLogger(__name__)
@@ -30,104 +35,98 @@ log = logging.getLogger(__name__)
 WAITING_BYTES = 64 * 2**20  # frames that wait to be written, together
 PAUSES = (1.0, 60.0)  # shortest and longest pause before the disk is tried again [s]
 SAY_EVERY = 60.0  # that frames are left out is logged so often at most [s]
-END_WAIT = 5.0  # how long the files are waited for at the end [s]
+END_WAIT = 5.0  # how long what waits is written at the end [s]
+FIRST_LOOK = 2.0  # how long a database is waited for that says which frames are recorded [s]
 FOLDER = "raw"  # in the data directory, where recordings wait for the object store and no other folder is set
 _POLL = 0.5  # [s]
 
 
 class RawRecorder:
-    """Frames on their way into the recordings of a folder."""
+    """Frames on their way from an inbox into the recordings of a folder; for one thread.
+
+    asset_of  the asset of a stream; None where its frames are not recorded
+    sender    moves completed files to an object store; None where they stay
+    lost      why nothing comes from the network, or None
+    """
 
     def __init__(
         self,
+        inbox: Inbox,
         recordings: RawRecordings,
-        waiting_bytes: int = WAITING_BYTES,
-        clock: Callable[[], float] = time.monotonic,
+        *,
+        asset_of: Callable[[str], str | None] = lambda stream: stream,
         sender: SegmentSender | None = None,
+        lost: Callable[[], str | None] = lambda: None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """sender  moves completed files to an object store; None where they stay"""
-        self._recordings, self._room, self._clock, self._sender = recordings, waiting_bytes, clock, sender
-        self._queue: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
-        self._lock = threading.Lock()
-        self._waiting = 0  # bytes in the queue
-        self._frames = self._left_out = 0
+        self._inbox, self._recordings, self._sender, self._lost, self._clock = inbox, recordings, sender, lost, clock
+        self.recorder = Recorder(recordings, asset_of)
+        self._left_out = self._shed = 0
         self._said = float("-inf")
         self._fault: str | None = "not yet begun"
         self._again, self._pause = 0.0, PAUSES[0]
-        self._ended = False
-        self.thread = threading.Thread(target=self._run, name="raw recordings", daemon=True)
-        self.thread.start()
 
-    def offer(self, frame: Frame) -> None:
-        """Hands a frame over; never waits."""
-        with self._lock:
-            room = self._waiting + frame.nbytes <= self._room
-            self._waiting += frame.nbytes if room else 0
-        if room:
-            self._queue.put(frame)
-        else:
-            self._leave_out("the disk is slower than the stream")
+    def turn(self, timeout: float = _POLL) -> None:
+        """Records what has come, or waits for it for a while [s]."""
+        try:
+            self._turn(timeout)
+        except Exception as error:  # a disk that is full or fails, or anything else
+            self._stop(error)
 
     def end(self) -> None:
         """Writes what waits and completes the files, as far as that takes no more than a few seconds."""
-        self._queue.put(None)
-        self.thread.join(END_WAIT)
-        if self._sender is not None:
-            self._sender.end()
-
-    def figures(self) -> Mapping[str, float]:
-        """Figures for /metrics."""
-        recordings = self._recordings
-        return {
-            "raw_recordings": recordings.files,
-            "raw_recording_bytes": recordings.size,
-            "raw_recording_newest_seconds": recordings.newest_ns / 1e9,
-            "raw_recording_stopped": float(self._fault is not None),
-            "raw_frames_recorded": self._frames,
-            "raw_frames_left_out": self._left_out,
-            "raw_recordings_deleted": recordings.deleted,
-            **({} if self._sender is None else self._sender.figures()),
-        }
-
-    def _run(self) -> None:
-        while not self._ended:
-            try:
-                self._turn()
-            except Exception as error:  # a disk that is full or fails, or anything else: windows do not depend on it
-                self._stop(error)
+        until = self._clock() + END_WAIT
+        while not self._inbox.empty and self._clock() < until:
+            self.turn(0.0)
         if self._fault is None:
             try:
                 self._recordings.close()
             except OSError as error:
                 self._stop(error)
+        if self._sender is not None:
+            self._sender.end()
 
-    def _turn(self) -> None:
+    @property
+    def left_out(self) -> int:
+        """Frames that are missing in the recordings."""
+        return self._left_out + self._inbox.refused[NO_ROOM] + self._inbox.refused[MANY_STREAMS]
+
+    def figures(self) -> Mapping[str, float]:
+        """Figures for /metrics; for any thread."""
+        recordings = self._recordings
+        return {
+            "raw_recordings": recordings.files,
+            "raw_recording_bytes": recordings.size,
+            "raw_recording_newest_seconds": recordings.newest_ns / 1e9,
+            "raw_recording_stopped": float(self._fault is not None or self._lost() is not None),
+            "raw_frames_recorded": self.recorder.frames,
+            "raw_frames_left_out": self.left_out,
+            "raw_recordings_deleted": recordings.deleted,
+            **({} if self._sender is None else self._sender.figures()),
+        }
+
+    def _turn(self, timeout: float) -> None:
         if self._fault is not None and self._clock() >= self._again:
             self._recordings.begin()
             if self._pause > PAUSES[0]:
                 log.info("raw recordings in %s go on", self._recordings.folder)
             self._fault, self._pause = None, PAUSES[0]
-        try:
-            frame = self._queue.get(timeout=_POLL)
-        except queue.Empty:
-            frame = None
-        else:
-            if frame is None:
-                self._ended = True
-                return
-            with self._lock:
-                self._waiting -= frame.nbytes
+        item = self._inbox.take(timeout)
+        if self._inbox.refused[NO_ROOM] > self._shed:
+            self._shed = self._inbox.refused[NO_ROOM]
+            self._say("the disk is slower than the stream")
         if self._fault is not None:
-            if frame is not None:
-                self._leave_out(self._fault)
+            if isinstance(item, Arrival):
+                self._left_out += 1
+                self._say(self._fault)
             return
-        if frame is not None:
+        if item is not None:
             try:
-                self._recordings.write(frame)
+                self.recorder.take(item)
             except BaseException:
-                self._leave_out("the disk cannot be used")
+                self._left_out += 1
+                self._say("the disk cannot be used")
                 raise
-            self._frames += 1
         self._recordings.turn()
         if self._sender is not None:
             self._sender.turn(self._recordings)
@@ -143,61 +142,96 @@ class RawRecorder:
         )  # fmt: skip
         self._pause = min(2 * self._pause, PAUSES[1])
 
-    def _leave_out(self, why: str) -> None:
-        self._left_out += 1
+    def _say(self, why: str) -> None:
         if self._clock() - self._said >= SAY_EVERY:
             self._said = self._clock()
             log.warning("frames are left out of the raw recordings: %s", why)
 
 
-@contextmanager
-def recording_raw(
-    settings: Settings, table: AssetTable, health: Health, *, prefix: str | None = None
-) -> Iterator[RawRecorder | None]:
-    """The recorder of a service, by its settings, until left; None where frames are not kept.
+def folder_of(settings: Settings) -> Path:
+    """The folder of the recordings."""
+    return settings.raw_folder or settings.data / FOLDER
 
-    prefix  first part of the topics in the recordings; None for that of the settings
-    """
-    if settings.raw_folder is None and settings.raw_url is None:
-        yield None
-        return
-    from service.results.raw_recordings import RawLimits, RawRecordings
 
+def limits_of(settings: Settings) -> RawLimits:
+    """How large recordings become, and what they may take."""
     keep_gb = settings.raw_keep_gb if settings.raw_url is None else settings.raw_spool_gb
-    limits = RawLimits(
+    return RawLimits(
         roll_bytes=round(settings.raw_roll_mb * 1e6),
         roll_seconds=settings.raw_roll_hours * HOUR,
         keep_bytes=round(keep_gb * 1e9),
         keep_seconds=settings.raw_keep_days * 24 * HOUR,
         spare_bytes=round(settings.raw_spare_gb * 1e9),
     )
-    folder = settings.raw_folder or settings.data / FOLDER
+
+
+def record(settings: Settings, **given: Any) -> Recorded:
+    """The role: as `keep_recording`, and logs by the settings."""
+    with logging_by(settings):
+        return keep_recording(settings, **given)
+
+
+def keep_recording(
+    settings: Settings,
+    open_transport: OpenTransport,
+    *,
+    stop: Event,
+    beat: Callable[[], None] = lambda: None,
+    open_database: Callable[[], Database] | None = None,
+    prefix: str | None = None,
+    here: Callable[[str], bool] = lambda stream: True,
+) -> Recorded:
+    """Records by the settings until `stop` is set.
+
+    beat           called with each turn
+    open_database  opens the database of the service whose streams are recorded; None where there is none
+    prefix         first part of the topics in the recordings; None for that of the settings
+    here           whether a stream that is in no row would be one of this service
+    """
     prefix = prefix or settings.prefix
-    recordings = RawRecordings(folder, limits, rig_text_of=rig_texts(table), prefix=prefix)
+    network: Transport | None = None
+
+    def lost() -> str | None:
+        return "not yet connected" if network is None else network.lost()
+
+    assets = RecordedAssets(
+        open_database,
+        asks=open_database is not None and settings.rule_of_new_assets[0] == "ask",
+        given=GivenRigs.read(settings.rig, settings.asset_rigs),
+        here=here,
+        figures=lambda: recorder.figures(),
+    )
+    inbox = Inbox(settings.queue_frames, WAITING_BYTES, settings.prefix, assets.admits)
+    recordings = RawRecordings(
+        folder_of(settings), limits_of(settings), rig_text_of=assets.rig_text, prefix=prefix, turned=beat
+    )
     sender = None
     if settings.raw_url is not None:
         from service.results.raw_segments import SegmentSender
 
         sender = SegmentSender.of(settings, recordings, prefix)
-    recorder = RawRecorder(recordings, sender=sender)
-    health.thread(RAW_RECORDINGS, recorder.thread)
+    recorder = RawRecorder(inbox, recordings, asset_of=assets.asset_of, sender=sender, lost=lost)
+    assets.start()
+    assets.looked.wait(FIRST_LOOK)
     try:
-        yield recorder
+        with ExitStack() as stack:
+            while network is None and not stop.is_set():
+                beat()
+                recorder.turn(0.0)  # what an earlier run has left is completed, and moved
+                try:
+                    network = stack.enter_context(open_transport())
+                except NotReachable as error:
+                    log.info("the recorder waits for the network: %s", error)
+            if network is not None:
+                assets.offered = stack.enter_context(OfferedRigs(network).watching())
+                stack.enter_context(network.subscribe_made(inbox))
+                stack.enter_context(network.subscribe(inbox))
+                assets.say()
+            while not stop.is_set():
+                beat()
+                recorder.turn()
+            missed = 0 if network is None else network.counters().get("missed_frames", 0)
     finally:
         recorder.end()
-
-
-def rig_texts(table: AssetTable) -> Callable[[str], bytes | None]:
-    """The rig file that holds for an asset, as TOML; written again only where another one holds."""
-    written: dict[str, tuple[Mapping[str, Any], bytes]] = {}
-
-    def rig_text(asset: str) -> bytes | None:
-        snapshot = table.latest(asset)
-        rig = None if snapshot is None else snapshot.rig
-        if not rig:
-            return None
-        if asset not in written or written[asset][0] is not rig:
-            written[asset] = rig, document_text(rig).encode()
-        return written[asset][1]
-
-    return rig_text
+        assets.end()
+    return Recorded(recorder.recorder.frames, recorder.recorder.refused, recorder.left_out, missed)

@@ -49,7 +49,6 @@ class Reception:
     close       called with each window that has closed, in the order of an asset's windows
     noticed     called with an asset and its repeated frames, after each frame
     host_clock  Unix time of this host [ns], which frames of a live stream are held against; None for recordings
-    used        called with each frame that is put in order for its window; not with those that are left out
     """
 
     def __init__(
@@ -60,10 +59,9 @@ class Reception:
         noticed: Callable[[str, Repeats], None] = lambda asset, repeats: None,
         assembly: AssemblySettings = DEFAULT,
         host_clock: Callable[[], int] | None = None,
-        used: Callable[[Frame], object] = lambda frame: None,
     ):
         self._rig_of, self._close, self._noticed = rig_of, close, noticed
-        self._assembly, self._host_clock, self._used = assembly, host_clock, used
+        self._assembly, self._host_clock = assembly, host_clock
         self._assets: dict[str, _Received] = {}
 
     @property
@@ -172,7 +170,6 @@ class Reception:
         """Goes on after the newest window of an earlier run."""
         received = self._of(asset)
         received.assembler = Assembler.from_dict(assembly, received.assembler.settings)
-        received.assembler.used = self._used
         received.faults = list(quality.get("faults", ()))
 
     def ignore_repeats(self, asset: str) -> None:
@@ -187,7 +184,6 @@ class Reception:
         old, new = self._of(asset), self._of(name)
         if not fresh:
             kept = Assembler.from_dict(old.assembler.to_dict(), old.assembler.settings)
-            kept.used = self._used
             new.assembler, old.assembler = old.assembler, kept
         else:
             new.assembler.leave_out_all_so_far(old.assembler, ANOTHERS)
@@ -206,9 +202,7 @@ class Reception:
 
     def _new(self, asset: str) -> _Received:
         rig = self._rig_of(asset)
-        assembler = Assembler(assembly_for(rig, self._assembly))
-        assembler.used = self._used
-        return _Received(rig, expected_channels(rig), assembler)
+        return _Received(rig, expected_channels(rig), Assembler(assembly_for(rig, self._assembly)))
 
 
 def assembly_settings(settings: Settings) -> AssemblySettings:

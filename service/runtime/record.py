@@ -1,4 +1,4 @@
-"""A live stream kept as a recording: `gear-twin record`."""
+"""A live stream kept as one recording: `gear-twin record --out`."""
 
 from __future__ import annotations
 
@@ -8,59 +8,44 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-from service.errors import DeliveryError, FrameError
+from service.errors import DeliveryError
+from service.file_faults import writing
 from service.runtime.positions import PositionNetwork, Positions
-from service.stream.inbox import Arrival, Inbox, InboxSource, Item, Marker
+from service.runtime.recorder import Recorded, Recorder
+from service.stream.inbox import Arrival, Inbox, InboxSource
 from service.stream.position import ChannelPosition, Position
 from service.stream.sources.mcap_write import RecordingWriter
-from service.stream.wire.codec import decode
-from service.stream.wire.topics import PREFIX
+from service.stream.wire.topics import PREFIX, Channel
 
 _FLUSH_EVERY = 2.0  # a crash costs no more than this [s]
 _POLL = 0.1  # [s]
 
 
-class Recorded(NamedTuple):
-    """How many frames were written, and what became of the others."""
-
-    frames: int = 0
-    refused: int = 0  # that break the contract
-    left_out: int = 0  # that came faster than they could be written
-    missed: int = 0  # that were lost on the way
-
-
 class RecorderNetwork(InboxSource, PositionNetwork, Protocol):
-    """What the recorder needs of a `Transport`."""
+    """What the recorder of one file needs of a `Transport`."""
 
     def counters(self) -> Mapping[str, int]: ...
 
 
-class _Recorder:
-    """One file in progress; a `PositionSource`."""
+class _OneFile:
+    """One file in progress, of all assets; a `PositionSource`."""
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
         self._flushed = time.monotonic()
         self._newest: dict[str, dict[str, ChannelPosition]] = {}  # by stream and channel
-        self.frames = self.refused = 0
 
-    def take(self, item: Item) -> None:
-        """Writes a frame, or answers a question about those before it."""
-        if isinstance(item, Marker):
-            item.reached()
-        elif isinstance(item, Arrival):
-            try:
-                frame = decode(item.channel, item.payload)
-            except FrameError:
-                self.refused += 1
-                return
-            self._writer.write(frame.channel, frame.end_time_ns, item.payload)
-            self._newest.setdefault(item.stream, {})[item.channel.label] = ChannelPosition(
-                sequence=frame.sequence, start_ns=frame.start_time_ns
-            )
-            self.frames += 1
+    def write(self, channel: Channel, start_ns: int, end_ns: int, payload: bytes) -> None:
+        self._writer.write(channel, end_ns, payload)
+
+    def note(self, stream: str, label: str, sequence: int, start_ns: int) -> None:
+        """Notes how far a stream has come."""
+        self._newest.setdefault(stream, {})[label] = ChannelPosition(sequence=sequence, start_ns=start_ns)
+
+    def turn(self) -> None:
+        """Hands what was written to the operating system, where that is due."""
         if time.monotonic() - self._flushed > _FLUSH_EVERY:
             self.flush()
 
@@ -100,21 +85,25 @@ def record(
             first = inbox.take(_POLL)
         if isinstance(first, Arrival):
             metadata["asset"] = first.stream
-        with RecordingWriter(out, rig_text=rig_text, metadata=metadata, prefix=prefix) as writer:
-            recorder = _Recorder(writer)
+        with writing(out):
+            opened = RecordingWriter(out, rig_text=rig_text, metadata=metadata, prefix=prefix)
+        with opened as writer:
+            file = _OneFile(writer)
+            recorder = Recorder(file, noted=file.note)
             try:
-                with Positions(inbox, network, recorder) as positions:
+                with Positions(inbox, network, file) as positions:
                     item = first
                     while True:
                         if item is not None:
                             recorder.take(item)
                             progress(recorder.frames, recorder.refused)
+                        file.turn()
                         positions()
                         over = stop.is_set() or time.monotonic() - begun >= duration
                         if over and inbox.empty:
                             break
                         item = inbox.take(_POLL)
-                    recorder.flush()
+                    file.flush()
             except OSError as error:
                 with suppress(OSError):
                     writer.close()

@@ -12,33 +12,24 @@ has been processed. Else, and where the asset has one, it is a proposal until a 
 from __future__ import annotations
 
 import logging
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from service.errors import InputError
-from service.files.documents import parsed_document
-from service.files.rig import checked_rig, load_mapping
+from service.files.rig import checked_rig
 from service.files.rig_difference import differences
 from service.results.asset_table import AssetTable
 from service.results.names import Names
 from service.results.sql_store import SqlStore
 from service.results.store import StoredAsset
-from service.results.unknown_assets import UnknownAssets
-from service.runtime.streams import streams_of
-from service.transport.protocol import Transport
+from service.runtime.rig_sources import GivenRigs, OfferedRigs
+from service.runtime.routes import streams_of
 from twin.rig import Rig
 
 log = logging.getLogger(__name__)
 
-RIG_WAIT = 1.0  # how long a rig file is asked for [s]
 IDENTITY = "gears."  # keys that make a machine another one
 MOST_NAMED = 6  # changed keys that a message names
-RIG_BYTES = 2**17  # of a rig file that is offered
-MOST_OFFERED = 256  # streams for which rig files that were offered are kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,35 +56,11 @@ def other_gears(stored: StoredAsset, rig: Mapping[str, Any]) -> tuple[str, ...]:
     return rig_change(stored.rig, rig).identity
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GivenRigs:
-    """The rig files of the settings: each with what it is called in messages."""
-
-    all: tuple[Mapping[str, Any], str] | None = None  # of every asset that has none of its own
-    own: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
-
-    @classmethod
-    def read(cls, of_all: Path | None, own: Mapping[str, Path]) -> GivenRigs:
-        """Reads the files; InputError where one cannot be used."""
-        return cls(
-            all=None if of_all is None else _read(of_all), own={asset: _read(path) for asset, path in own.items()}
-        )
-
-    def of(self, asset: str) -> Mapping[str, Any] | None:
-        """The rig file that the settings give for an asset."""
-        found = self.own.get(asset) or self.all
-        return None if found is None else found[0]
-
-    def where(self, asset: str) -> str:
-        """What it is called."""
-        found = self.own.get(asset) or self.all
-        return "rig" if found is None else found[1]
-
-
-def _read(path: Path) -> tuple[Mapping[str, Any], str]:
-    rig = load_mapping(path)
-    checked_rig(rig, str(path))
-    return rig, str(path)
+def named_differences(stored: StoredAsset, rig: Mapping[str, Any]) -> list[str]:
+    """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
+    lines = sorted(other_gears(stored, rig), key=lambda line: (".teeth =" not in line, "= absent" in line))
+    more = [f"and {len(lines) - MOST_NAMED} more"] if len(lines) > MOST_NAMED else []
+    return [*lines[:MOST_NAMED], *more]
 
 
 class Rigs:
@@ -128,7 +95,7 @@ class Rigs:
 
     def lacks(self, asset: str) -> bool:
         """Whether neither the settings nor the store have a rig file of an asset."""
-        return self.given_of(asset) is None and self._store.asset(asset).rig is None
+        return self.given_of(asset) is None and self._store.shown_asset(asset).rig is None
 
     def _name_given(self, asset: str) -> str:
         """The name under which the settings give an asset its own rig file; its id where they give none."""
@@ -138,13 +105,9 @@ class Rigs:
         its = (name for name in (names.label(asset), asset, *own) if name in own)
         return next((name for name in its if (names.labelled(name) or name) == asset), asset)
 
-    def named_differences(self, asset: str, rig: Mapping[str, Any]) -> list[str]:
-        """How a rig file describes other gears than those of an asset so far, teeth first, absent values last."""
-        lines = sorted(
-            other_gears(self._store.asset(asset), rig), key=lambda line: (".teeth =" not in line, "= absent" in line)
-        )
-        more = [f"and {len(lines) - MOST_NAMED} more"] if len(lines) > MOST_NAMED else []
-        return [*lines[:MOST_NAMED], *more]
+    def differ(self, asset: str, rig: Mapping[str, Any]) -> bool:
+        """Whether a rig file describes other gears than those of an asset so far."""
+        return bool(other_gears(self._store.shown_asset(asset), rig))
 
     def of(self, asset: str, offered: OfferedRigs, stored: StoredAsset | None = None) -> Rig:
         """The rig of an asset; one of which nothing is known where there is none.
@@ -204,61 +167,6 @@ class Rigs:
             }  # fmt: skip
             self._store.note(stored.asset, [("data_fault", fault)])
         self._store.keep_rig(stored.asset, rig)
-
-
-class OfferedRigs:
-    """Rig files that others offer on the network: a replay offers its recording's there."""
-
-    def __init__(self, transport: Transport, unknown: UnknownAssets | None = None) -> None:
-        self._transport, self._unknown = transport, unknown or UnknownAssets()
-        self._offered: dict[str, bytes] = {}  # the newest at the end
-        self._fresh: dict[str, None] = {}  # streams for which a rig file has come since they were last asked for
-        self._lock = threading.Lock()
-
-    @contextmanager
-    def watching(self) -> Iterator[OfferedRigs]:
-        """Remembers what is published until left."""
-        with self._transport.watch_rigs(self._received):
-            yield self
-
-    def find(self, stream: str) -> Mapping[str, Any] | None:
-        """The rig file offered for a stream, asked for where none has come; None where there is none."""
-        if stream not in self._offered:
-            for text in self._transport.ask_rig(stream, RIG_WAIT):
-                self._received(stream, text)
-        with self._lock:
-            found = self._offered.get(stream)
-        return None if found is None else parsed_document(found, f"the rig file offered for {stream}")
-
-    def fresh(self) -> list[tuple[str, Mapping[str, Any]]]:
-        """The rig files that have come since this was last called, with the streams that they are for."""
-        if not self._fresh:
-            return []
-        with self._lock:
-            streams, self._fresh = self._fresh, {}
-            found = [(stream, self._offered[stream]) for stream in streams if stream in self._offered]
-        return [(stream, parsed_document(text, f"the rig file offered for {stream}")) for stream, text in found]
-
-    def _received(self, asset: str, text: bytes) -> None:
-        try:
-            if len(text) > RIG_BYTES:
-                raise InputError(f"it has {len(text)} bytes, and at most {RIG_BYTES} are accepted")
-            mapping = parsed_document(text, f"the rig file offered for {asset}")
-            checked_rig(mapping, f"rig of {asset}")
-        except InputError as error:
-            log.error("the rig file offered for %s cannot be used: %s", asset, error, extra={"asset": asset})
-            return
-        if not self._unknown.is_known(asset):
-            self._unknown.offered(asset, mapping, len(text))
-            return
-        with self._lock:
-            self._offered.pop(asset, None)
-            self._offered[asset] = text
-            self._fresh[asset] = None
-            if len(self._offered) > MOST_OFFERED:
-                oldest = next(iter(self._offered))
-                del self._offered[oldest]
-                self._fresh.pop(oldest, None)
 
 
 def _named(lines: tuple[str, ...]) -> str:

@@ -1,45 +1,45 @@
-"""The service: one process from frames to answers.
+"""The service: a supervisor, and the roles `ingest`, `answer`, `work` and, where it is set, `record`.
 
-The network's callbacks fill the inbox; one worker thread takes the frames through the pipeline to store, table and
-network; HTTP is served in the main thread. A termination signal ends all of it within seconds: what is
-committed stays, and what was in progress is taken up from the store by the next start.
+Each role is a process that is started again where it ends. A termination signal ends all of them within seconds: what
+is committed stays, and what was in progress is taken up from the store by the next start.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from service.api import create_app
-from service.api.incoming import Incoming
-from service.operation.health import HTTP, RETENTION, WEBHOOKS, Health
-from service.operation.systemd import READY, STOPPING, Watchdog, notify
-from service.operation.telemetry import all_of, sending_traces
 from service.operation.timing import Timing
-from service.results.audit_log import AuditLog
-from service.results.data_folder import SEGMENTS, database_of, only_service_of
+from service.results.data_folder import database_of, only_service_of
+from service.results.database import Database
+from service.results.roles import ANSWER, INGEST, RECORD
+from service.results.scratch import scratch
 from service.results.sql_store import SqlStore
 from service.runtime import SERVES
-from service.runtime.admission import access_of, front_of, limits_of
-from service.runtime.all_figures import database_figures, figures_of
+from service.runtime.answer import Answering, IngestSeen
 from service.runtime.begun import Begun, OpenStore
 from service.runtime.bridging import bridges_of
-from service.runtime.by_settings import twin_of, zenoh_of
-from service.runtime.computing_here import computing_here
-from service.runtime.http_gate import GatedSocket
-from service.runtime.http_server import Front, HttpServer, address_of, listening_at
-from service.runtime.raw_recorder import recording_raw
-from service.runtime.retention_job import RetentionJob, retention_of
-from service.runtime.rigs import GivenRigs
-from service.runtime.storage_wait import StoppedWaiting, opened
+from service.runtime.by_settings import client_of, twin_of, zenoh_of
+from service.runtime.ingest import ingest
+from service.runtime.ingested import once_begun
+from service.runtime.rig_sources import GivenRigs
+from service.runtime.role_process import Context, Others
+from service.runtime.supervisor import SUPERVISOR, Role, Supervisor
 from service.runtime.twin_port import Twin
-from service.runtime.webhooks import WebhookSender
 from service.runtime.work import Workplace
-from service.runtime.worker import Worker
+from service.runtime.work_processes import WORK
+from service.runtime.work_role import work
+from service.runtime.workers import in_processes, work_given, workers_here
 from service.settings import Settings
+from service.termination import until_told
 from service.transport.protocol import OpenTransport
+
+SLOW_DISK = 60.0  # how long a file of recordings may take to be completed on a disk that is slow [s]
 
 
 def run(
@@ -57,106 +57,149 @@ def run(
     open_transport  the network; None for Zenoh at the endpoints of the settings
     open_store      where results are kept; None for the database of the settings
     announce        called once with the page's address, when HTTP is served
+    stop            where it is given, or network or store are, all is done by threads of this process
     """
-    given_rigs = GivenRigs.read(settings.rig, settings.asset_rigs)
-    twin = twin or twin_of(settings)
-    with suppress(StoppedWaiting), ExitStack() as stack:
-        access, front = access_of(settings), front_of(settings)
-        sent = stack.enter_context(sending_traces(settings.otlp))
-        stack.enter_context(only_service_of(settings.data))
-        listening = stack.enter_context(listening_at(settings.http_host, settings.http_port, front.gate))
-        begun = stack.enter_context(_opened(settings, given_rigs, open_store, listening, front, stop))
-        store, table, kept, alarms, rigs = begun.store, begun.table, begun.kept, begun.alarms, begun.rigs
-        timing = Timing()
-        store.database.took = timing.stored
-        health = Health(settings.loop_limit)
-        raw = stack.enter_context(recording_raw(settings, table, health))
-        computing_of = partial(computing_here, place=place_of(settings, twin, open_store))
-        worker = Worker(settings, kept, rigs, twin, open_transport or zenoh_of(settings), health, raw, computing_of)
-        worker.arrived, worker.timed = all_of(timing.arrived, sent), timing.computed
-        bridges = bridges_of(settings, table, store, worker.offer, access)
-        webhooks = WebhookSender(alarms.store, alarms.waiting)
-        retention = RetentionJob(store, retention_of(settings), settings.data / SEGMENTS)
-        parts = (worker, webhooks, bridges, retention)
-        figures = figures_of(*(part.figures for part in (*parts, front, timing)), partial(database_figures, store))
-        app = create_app(
-            table,
-            store,
-            kept.queue,
-            not_ready=worker.not_ready,
-            figures=figures,
-            signals=kept.signals,
-            alarms=alarms,
-            baselines=kept.baselines,
-            access=access,
-            limits=limits_of(settings),
-            audit=AuditLog(store.database, settings.audit_entries),
-            incoming=Incoming(asks=kept.unknown.asks, position=worker.position),
-            labelled_assets=settings.metrics_assets,
-            health=health,
-            told=kept.told,
-        )
-
-        def started() -> None:
-            announce(address_of(listening, front))
-            notify(READY)
-
-        def ending() -> None:
-            notify(STOPPING)
-            worker.stop()
-            table.close()
-
-        server = HttpServer(app, started=started, ending=ending, stop=stop, front=front, tick=turns_of(health))
-        worker.on_end = server.end
-        for part in parts:
-            part.start()
-        for name, thread in ((WEBHOOKS, webhooks), (RETENTION, retention)):
-            health.thread(name, thread)
-        try:
-            server.run(sockets=[listening])
-        finally:
-            for ended in parts:
-                ended.end()
-        if worker.failure is not None:
-            raise worker.failure
+    given_rigs, twin = GivenRigs.read(settings.rig, settings.asset_rigs), twin or twin_of(settings)
+    if settings.otlp is not None:
+        import service.operation.traces  # noqa: F401  # ModuleNotFoundError before anything is begun
+    with only_service_of(settings.data), Answering.at(settings) as answering:
+        parts = _Parts(settings, given_rigs, twin, answering, announce, open_store)
+        if (stop, open_transport, open_store) == (None, None, None):
+            parts.in_processes()
+        else:
+            parts.here(stop or threading.Event(), open_transport or zenoh_of(settings))
     return 0
 
 
-def place_of(settings: Settings, twin: Twin, open_store: OpenStore | None) -> Workplace | None:
-    """Where worker processes find the results; None where no other process can open them, or make the twin."""
-    if open_store is not None or twin.make is None:
-        return None
-    own = partial(SqlStore, database_of(settings.data, settings.database), shared=True)
-    return Workplace(settings=settings, open=own, make=twin.make, options=twin.options)
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """The roles of one service, and what they are made of."""
+
+    settings: Settings
+    given_rigs: GivenRigs
+    twin: Twin
+    answering: Answering
+    announce: Callable[[str], None]
+    open_store: OpenStore | None
+
+    def in_processes(self) -> None:
+        """Has each role done by a process of its own, until a signal comes."""
+        settings, records = self.settings, records_raw(self.settings)
+        with ExitStack() as stack:
+            within = stack.enter_context(scratch()) if records else None
+            receive = partial(self._ingest, open_transport=zenoh_of(settings, within), processes=True)
+            roles = [
+                Role(name=INGEST, work=receive, essential=True, hears=(ANSWER, WORK, RECORD)),
+                Role(name=ANSWER, work=self._answer, essential=True, hears=(INGEST, SUPERVISOR)),
+            ]
+            if in_processes(settings, self.twin):
+                roles.append(work_in_processes(settings, self.twin, self._database))
+            if within is not None:
+                roles.append(recorder(settings, within, lambda others: once_begun(others, self._database)))
+            Supervisor(roles).run(stack.enter_context(until_told()))
+
+    def here(self, stop: threading.Event, open_transport: OpenTransport) -> None:
+        """Has this process do what receives and answers, until `stop` is set or a signal comes."""
+        others, failed = Others(), list[Exception]()
+
+        def receive() -> None:
+            try:
+                self._ingest(Context(INGEST, stop, others), open_transport=open_transport, processes=False)
+            except Exception as error:
+                failed.append(error)
+            finally:
+                stop.set()
+
+        thread = threading.Thread(target=receive, name=INGEST, daemon=True)
+        thread.start()
+        try:
+            self._answer(Context(ANSWER, stop, others))
+        finally:
+            stop.set()
+            thread.join()
+        for error in failed:
+            raise error
+
+    # -- the roles -----------------------------------------------------------------------------------
+
+    def _ingest(self, context: Context, *, open_transport: OpenTransport, processes: bool) -> None:
+        settings, timing = self.settings, Timing()
+
+        def own_store() -> AbstractContextManager[SqlStore]:
+            """The store, which no other service writes to."""
+            where = database_of(settings.data, settings.database)
+            return SqlStore(Database(where, claimed=True, took=timing.stored))
+
+        ingest(
+            context, settings, partial(Begun.of, settings, self.given_rigs, self.open_store or own_store), self.twin,
+            partial(workers_here, others=context.others if processes else None),
+            timing=timing, open_transport=open_transport,
+            bridges_of=lambda begun, offer: bridges_of(
+                settings, begun.table, begun.store, offer, self.answering.access
+            ),
+            beside=partial(recorder_figures, context.others) if processes and records_raw(settings) else dict,
+        )  # fmt: skip
+
+    def _answer(self, context: Context) -> None:
+        seen = partial(IngestSeen, context)
+        store = self.open_store or (lambda: SqlStore(self._database()))
+        opened = once_begun(context.others, store, wait=1.0)
+        self.answering.answer(context, opened, seen, self.announce)
+
+    def _database(self) -> Database:
+        """The database, which the process that receives frames has opened before."""
+        return Database(database_of(self.settings.data, self.settings.database), shared=True)
 
 
-def turns_of(health: Health) -> Callable[[], None]:
-    """What the loop of HTTP does with each turn: it says that it is alive, and to systemd that all loops are."""
-    beat, watchdog = health.loop(HTTP), Watchdog(health)
-
-    def turn() -> None:
-        beat()
-        watchdog()
-
-    return turn
+# -- roles that a host of a fleet has, too -------------------------------------------------------------------
 
 
-def _opened(
-    settings: Settings,
-    given_rigs: GivenRigs,
-    open_store: OpenStore | None,
-    listening: GatedSocket,
-    front: Front,
-    stop: threading.Event | None,
-) -> AbstractContextManager[Begun]:
-    """The store, which no other service writes to, and what is read of it; waited for where its server is away."""
-    own = partial(SqlStore, database_of(settings.data, settings.database), claimed=True)
-    return opened(
-        partial(Begun.of, settings, given_rigs, open_store or own),
-        listening,
-        front=front,
-        limits=limits_of(settings),
-        tick=turns_of(Health(settings.loop_limit)),
-        waits=partial(notify, READY),
-        stop=stop,
-    )
+def records_raw(settings: Settings) -> bool:
+    """Whether a service records what comes."""
+    return settings.raw_folder is not None or settings.raw_url is not None
+
+
+def work_in_processes(settings: Settings, twin: Twin, database: Callable[[], Database], **given: Any) -> Role:
+    """The role that computes.
+
+    database  opens the results
+    given     as `work_given` has it
+    """
+    make = twin.make
+    assert make is not None
+
+    def role(context: Context) -> None:
+        def opened() -> SqlStore:
+            return SqlStore(database())
+
+        place = Workplace(settings=settings, open=opened, make=make, options=twin.options)
+        work(context, work_given(settings, place, **given))
+
+    return Role(name=WORK, work=role, threads=False, hears=(INGEST,))
+
+
+def recorder(
+    settings: Settings, within: Path, database: Callable[[Others], Callable[[], Database]], *, name: str = RECORD,
+    **given: Any,
+) -> Role:  # fmt: skip
+    """The role that records what comes.
+
+    within    the folder in which the embedded router listens for it
+    database  what opens the results, by what the other roles say
+    given     as in `service.runtime.raw_recorder.keep_recording`
+    """
+
+    def work(context: Context) -> None:
+        from service.runtime.raw_recorder import keep_recording
+
+        keep_recording(
+            settings, client_of(settings, within), stop=context.stop, beat=context.beat,
+            open_database=database(context.others), **given,
+        )  # fmt: skip
+
+    return Role(name=name, work=work, silent=SLOW_DISK, hears=(INGEST,))
+
+
+def recorder_figures(others: Others, role: str = RECORD) -> Mapping[str, float]:
+    """Whether nobody records, for /metrics."""
+    return {"raw_recording_stopped": float(not others.state(role).lives)}

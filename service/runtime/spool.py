@@ -19,6 +19,7 @@ from functools import partial
 from typing import Any
 
 from service.operation.journey import Journey
+from service.results.jobs import Jobs
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WaitingWindow, WindowJobs, Written, delete_file
 from service.runtime.backlogs import Backlogs
@@ -26,6 +27,7 @@ from service.runtime.outcomes import ClosedWindow
 from service.runtime.reception import Reception
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.window_outcomes import without_room
+from service.settings import Settings
 from service.steady_clock import later_time_ns
 
 log = logging.getLogger(__name__)
@@ -33,6 +35,10 @@ log = logging.getLogger(__name__)
 MOST_JOURNEYS = 10_000  # windows that wait and whose stages are remembered
 TOO_MANY = "left out: more windows of the asset waited to be processed than are kept"
 NOT_STORED = "left out: the storage could not be used, and more windows waited in memory than are kept there"
+
+
+class _Moved(Exception):
+    """Within a transaction: it keeps nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,12 +51,21 @@ class BacklogLimits:
     total_bytes: int  # on disk
     memory_bytes: int  # of all assets, while the storage cannot be used
 
+    @classmethod
+    def of(cls, settings: Settings) -> BacklogLimits:
+        return cls(
+            windows=settings.backlog_windows,
+            bytes=settings.backlog_bytes,
+            total_windows=settings.backlog_total_windows,
+            total_bytes=settings.backlog_total_bytes,
+            memory_bytes=settings.backlog_memory_bytes,
+        )
+
 
 class Spool:
     """Where closed windows of all assets wait for their turn.
 
     settled  called with an asset when a window of it is durable
-    at_work  whether a job of an asset is being carried out: the window of which it may be is not left out
     """
 
     def __init__(
@@ -63,10 +78,10 @@ class Spool:
         limits: BacklogLimits,
         *,
         settled: Callable[[str], object],
-        at_work: Callable[[str], bool],
     ) -> None:
         self._windows, self._store, self._reception, self._backlogs = windows, store, reception, backlogs
-        self._storage, self._limits, self._settled, self._at_work = storage, limits, settled, at_work
+        self._storage, self._limits, self._settled = storage, limits, settled
+        self._jobs = Jobs(windows.database)
         self._assemblies: dict[str, Mapping[str, Any]] = {}  # by asset: where its stream goes on after what is stored
         self._journeys: dict[int, Journey] = {}  # by job
         self._pending: dict[str, deque[ClosedWindow]] = {}
@@ -74,7 +89,7 @@ class Spool:
         self._unanswered: dict[str, Written] = {}  # files that the database may name: a commit had no answer
 
     def add(self, closed: ClosedWindow) -> None:
-        """Keeps a window and hands it to its asset's lane; later, where the storage cannot be used now."""
+        """Keeps a window; later, where the storage cannot be used now."""
         self._pending.setdefault(closed.asset, deque()).append(closed)
         self._held += closed.segment.nbytes
         self._keep_all(closed.asset)
@@ -101,12 +116,7 @@ class Spool:
         return self._journeys.pop(job, None) or Journey()
 
     def give(self, asset: str, other: str) -> None:
-        """The windows of an asset that wait are another one's, as those that waited when that was committed."""
-        with self._windows.transaction():
-            self._windows.give_waiting(asset, other)
-            if asset in self._assemblies:
-                self._store.keep(other, assembly=self._assemblies[asset])
-        self._backlogs.changed()
+        """The windows of an asset that wait in memory are another one's, as those that waited in the table."""
         if asset in self._pending:
             self._pending[other] = deque(replace(closed, asset=other) for closed in self._pending.pop(asset))
         if asset in self._assemblies:
@@ -124,22 +134,29 @@ class Spool:
     def _keep_all(self, asset: str) -> None:
         pending = self._pending[asset]
         while pending:
-            done, _ = self._storage.attempt(partial(self._keep, pending[0]))
-            if not done:
+            done, kept = self._storage.attempt(partial(self._keep, pending[0]))
+            if not (done and kept):
                 return
             self._held -= pending.popleft().segment.nbytes
             self._settled(asset)
         del self._pending[asset]
 
-    def _keep(self, closed: ClosedWindow) -> None:
+    def _keep(self, closed: ClosedWindow) -> bool:
+        """Keeps a window; False where its stream may no longer be its asset's, and that is to be followed first."""
         asset, segment = closed.asset, closed.segment
         self._make_room(asset)
         before = self._unanswered.get(asset)
         written = before or self._windows.write(segment)
         try:
-            with self._windows.transaction():
+            with self._windows.transaction() as db:
+                self._windows.database.ensure(db, asset)
+                if self._jobs.unfollowed(asset):
+                    raise _Moved
                 kept = self._kept(asset, segment.start_ns, written)
                 self._store.keep(asset, assembly=closed.assembly, quality=self._reception.quality(asset))
+        except _Moved:
+            self._unanswered[asset] = written
+            return False
         except BaseException as error:
             if getattr(error, "unknown", False):
                 self._unanswered[asset] = written
@@ -147,20 +164,27 @@ class Spool:
                 delete_file(written.path)  # of no window now
             raise
         self._unanswered.pop(asset, None)
-        if kept.file != written.path.name:
+        if kept is not None and kept.file != written.name:
             delete_file(written.path)
         closed.journey.kept_ns = later_time_ns()
-        self._journeys[kept.id] = closed.journey
+        if kept is not None:
+            self._journeys[kept.id] = closed.journey
         if len(self._journeys) > MOST_JOURNEYS:
             del self._journeys[next(iter(self._journeys))]
         self._assemblies[asset] = closed.assembly
         self._backlogs.changed()
+        return True
 
-    def _kept(self, asset: str, start_ns: int, written: Written) -> WaitingWindow:
-        """The row of a window: a new one, or that of an earlier attempt of which nobody knew."""
+    def _kept(self, asset: str, start_ns: int, written: Written) -> WaitingWindow | None:
+        """The row of a window: a new one, or that of an earlier attempt of which nobody knew.
+
+        None where that attempt was committed, and the window has been processed since.
+        """
         newest = self._windows.newest(asset)
         if newest is not None and newest.start_ns == start_ns:
             return newest
+        if asset in self._unanswered and self._store.has_window(asset, start_ns):
+            return None
         return self._windows.add_waiting(asset, written, self._assemblies.get(asset, {}))
 
     # -- bounds --------------------------------------------------------------------------------------
@@ -180,8 +204,8 @@ class Spool:
             backlogs.now(crowded)
 
     def _leave_out(self, asset: str, waiting: Iterable[WaitingWindow]) -> bool:
-        """Leaves the oldest window out that waits and is not at work; False where there is none."""
-        next_one = self._windows.next(asset) if self._at_work(asset) else None
+        """Leaves the oldest window out that waits and may not be at work; False where there is none."""
+        next_one = self._windows.next(asset)
         for window in waiting:
             if window.file is not None and (next_one is None or window.id != next_one.id):
                 self._windows.leave_out(window, TOO_MANY)

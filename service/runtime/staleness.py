@@ -1,8 +1,9 @@
-"""When an asset's figures no longer say how the machine is now, though nothing has failed.
+"""When an asset's figures no longer say how the machine is now, though nothing has failed: noticed as frames come.
 
 Either the stream is silent for longer than is usual for it, or no whole window has come for a long time, or frames keep
 coming and none of them ends in a window: their time stamps contradict each other or what was received before, or
-channels that a window needs are missing. Time is measured by a clock that cannot step.
+channels that a window needs are missing. Time is measured by a clock that cannot step. Whoever computes shows it
+(notices.py).
 
     silent for longer than 3·p,      p = median of the times from one window's start to the next
 
@@ -11,32 +12,32 @@ p  usual pause of the stream, by its own time stamps [s]; known from 4 windows o
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from statistics import median
-from typing import Any
 
-from service.alarms.keeper import AlarmKeeper
 from service.contract.base import spoken_time
 from service.contract.verdict import seconds_between
 from service.results.asset_table import AssetTable
-from service.results.snapshot import Snapshot, Stale
-from service.runtime.outcomes import Outcome
-from service.runtime.twin_port import Events
+from service.results.jobs import STALE, Notice
+from service.results.snapshot import TAIL, Snapshot, Stale
+from service.settings import Settings
 from service.steady_clock import steady_time_ns
 from service.stream.frames import LENGTH_LIMITS
 
-log = logging.getLogger(__name__)
-
 NS = 1_000_000_000
+EPOCH = "1970-01-01T00:00:00Z"
 LOOK_EVERY = 1.0  # how often the assets are looked at [s]
 WINDOWS_MISSED = 3.0  # window lengths that frames must have covered before a missing window is a fault
 PAUSES_MISSED = 3.0  # usual pauses of a stream after which it is silent
 LEAST_STEPS = 3  # between windows, from which the usual pause is known
 LEAST_SILENCE = 3 * LENGTH_LIMITS[1]  # three of the longest frames [s]
+
+
+UNKNOWN = Stale(since_ns=0, reason="")  # it may have been kept, or not: a commit had no answer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,22 +47,30 @@ class StalenessLimits:
     silent: float  # in any case
     fruitless: float  # while frames keep coming
 
+    @classmethod
+    def of(cls, settings: Settings) -> StalenessLimits:
+        fruitless = max(settings.fruitless_after, WINDOWS_MISSED * settings.window_length)
+        return cls(silent=settings.stale_after, fruitless=fruitless)
+
 
 @dataclass(slots=True)
 class _Heard:
-    """Frames of one asset since its last window, on this machine's clock [ns]."""
+    """What has come of one asset, on this machine's clock [ns], and what was noticed of that."""
 
-    window_ns: int | None = None  # the window that these frames follow
-    first_ns: int | None = None
-    last_ns: int | None = None
+    window_ns: int  # when the newest window came; when the service first knew of the asset, or it was reinstated
+    first_ns: int | None = None  # the first frame since then
+    last_ns: int | None = None  # the newest frame
+    starts: deque[float] = field(default_factory=lambda: deque(maxlen=TAIL))  # of windows, on the stream's clock [s]
+    pause: float | None = None  # that is usual between them [s]
+    noticed: Stale | None = None
+    judged: bool = False  # whether that is of this run: alarms may have other rules than in the last one
+    retired: bool = False
 
 
-def usual_pause(records: Sequence[Mapping[str, Any]]) -> float | None:
-    """Median time from one window's start to the next [s], by the latest records; None where they are too few."""
-    starts = [record["start_time"] for record in records if record.get("start_time")]
-    steps = [seconds_between(first, second) or 0.0 for first, second in pairwise(starts)]
-    usual = [step for step in steps if step > 0]
-    return median(usual) if len(usual) >= LEAST_STEPS else None
+def usual_pause(starts: Iterable[float]) -> float | None:
+    """Median time from one window's start to the next [s], of the newest ones; None where they are too few."""
+    steps = [second - first for first, second in pairwise(starts) if second > first]
+    return median(steps) if len(steps) >= LEAST_STEPS else None
 
 
 def silent(now_ns: int, heard_ns: int, pause: float | None) -> Stale | None:
@@ -95,97 +104,96 @@ def stale(
 
 
 class StalenessWatch:
-    """Looks at all assets once a second; an asset that becomes stale is shown so, with an event.
+    """Looks at all assets once a second, and notices those that become stale, or are so no longer.
 
-    keep  keeps what that changes, and shows it
+    table    knows the assets; how they are shown is read at the start alone
+    waiting  when the newest window of an asset was received that waits, this machine's Unix time [ns]; 0 for none
+    notice   keeps what is to be judged
     """
 
     def __init__(
         self,
         table: AssetTable,
-        keep: Callable[[Outcome], None],
+        notice: Callable[..., None],
         limits: StalenessLimits,
         *,
+        waiting: Callable[[str], int] = lambda asset: 0,
         clock: Callable[[], int] = steady_time_ns,
     ) -> None:
-        self._table, self._keep, self._limits, self._clock = table, keep, limits, clock
-        self._since = dict.fromkeys(table.known(), clock())  # when the service first knew of an asset [ns]
-        self._retired: dict[str, int] = {}  # when an asset was last seen to be retired [ns]
-        self._judged: dict[str, tuple[Mapping[str, Any], ...]] = {}  # alarms that the last evaluation left open
-        self._looked = 0
-        self._heard: dict[str, _Heard] = {}
-        self._window: dict[str, tuple[int, int]] = {}  # when the latest window was committed, and by this clock [ns]
+        self._table, self._notice, self._limits, self._clock = table, notice, limits, clock
+        self._looked, self._heard = 0, dict[str, _Heard]()
+        for snapshot in table.every():
+            self._begin(snapshot, waiting(snapshot.asset))
+
+    def _begin(self, snapshot: Snapshot, waiting_ns: int) -> None:
+        """Goes on from what an earlier run has left."""
+        heard = self._of(snapshot.asset)
+        if snapshot.received_ns is not None or waiting_ns:
+            heard.window_ns = min(max(snapshot.received_ns or 0, waiting_ns), heard.window_ns)
+        starts = (seconds_between(EPOCH, record.get("start_time")) for record in snapshot.records)
+        heard.starts.extend(start for start in starts if start is not None)
+        heard.pause = usual_pause(heard.starts)
+        heard.noticed, heard.retired = snapshot.stale, snapshot.retired is not None
 
     def heard(self, asset: str) -> None:
         """A frame of the asset has come, valid or not."""
-        now, snapshot = self._clock(), self._table.latest(asset)
-        window_ns = snapshot.received_ns if snapshot else None
-        heard = self._heard.setdefault(asset, _Heard(window_ns=window_ns))
-        if heard.first_ns is None or heard.window_ns != window_ns:
-            heard.first_ns, heard.window_ns = now, window_ns
-        heard.last_ns = now
+        heard = self._of(asset)
+        heard.last_ns = self._clock()
+        if heard.first_ns is None:
+            heard.first_ns = heard.last_ns
+
+    def closed(self, asset: str, start_ns: int) -> None:
+        """A whole window of the asset has come."""
+        heard = self._of(asset)
+        heard.window_ns, heard.first_ns = self._clock(), None
+        heard.starts.append(start_ns / NS)
+        heard.pause = usual_pause(heard.starts)
+
+    def stored(self, asset: str) -> None:
+        """A window of the asset waits for its turn, which ends what was noticed before: it may have come long ago."""
+        self._of(asset).noticed = None
+
+    def retire(self, asset: str, retired: bool) -> None:
+        """The asset has been retired, and is shown as that; or was reinstated, and has time to send."""
+        heard = self._of(asset)
+        heard.window_ns, heard.first_ns, heard.last_ns = self._clock(), None, None
+        heard.noticed, heard.retired = None, retired
 
     def __call__(self) -> None:
         """Looks at the assets, if that is due."""
-        now, before = self._clock(), self._looked
-        if now - before < LOOK_EVERY * NS:
+        now = self._clock()
+        if now - self._looked < LOOK_EVERY * NS:
             return
         self._looked = now
-        for asset in self._table.known():
-            snapshot = self._table.latest(asset)
-            if snapshot is None:
-                continue
-            found = self._found(now, before, snapshot)
-            if found != snapshot.stale or (found is not None and self._alarms_differ(snapshot)):
-                self._show(asset, found)
+        found = {asset: self._found(now, self._of(asset)) for asset in self._table.known()}
+        seen = [asset for asset, stale in found.items() if self._is_news(self._heard[asset], stale)]
+        for asset in seen:
+            self._heard[asset].noticed = UNKNOWN
+        if seen:
+            self._notice(*(_noticed(asset, found[asset]) for asset in seen))
+        for asset in seen:
+            self._heard[asset].noticed, self._heard[asset].judged = found[asset], True
 
-    def _committed(self, now: int, before: int, snapshot: Snapshot) -> int:
-        """When the latest window was committed, by this clock: of one since the look `before`, between that and now."""
-        if snapshot.received_ns is None:
-            return self._since.setdefault(snapshot.asset, now)
-        known = self._window.get(snapshot.asset)
-        if known is None or known[0] != snapshot.received_ns:
-            at = min(max(snapshot.received_ns, 0 if known is None else before), now)
-            known = self._window[snapshot.asset] = snapshot.received_ns, at
-        return known[1]
+    def _of(self, asset: str) -> _Heard:
+        if asset not in self._heard:
+            self._heard[asset] = _Heard(self._clock())
+        return self._heard[asset]
 
-    def _found(self, now: int, before: int, snapshot: Snapshot) -> Stale | None:
+    def _is_news(self, heard: _Heard, stale: Stale | None) -> bool:
+        return stale != heard.noticed or (stale is not None and not heard.judged)
+
+    def _found(self, now: int, heard: _Heard) -> Stale | None:
         """Whether an asset is stale now; one that is retired never is, and what was before that no longer counts."""
-        asset = snapshot.asset
-        self._since.setdefault(asset, now)
-        if snapshot.retired is not None:
-            self._heard.pop(asset, None)
-            self._retired[asset] = now
+        if heard.retired:
             return None
-        heard = self._heard.get(asset, _Heard())
-        current = heard.window_ns == snapshot.received_ns  # else a window has come since the last frame
-        first, last = (heard.first_ns, heard.last_ns) if current else (None, None)
-        window_ns = max(self._committed(now, before, snapshot), self._retired.get(asset, 0))
-        found = stale(now, window_ns, first, last, self._limits)
-        return found or silent(now, max(window_ns, heard.last_ns or 0), usual_pause(snapshot.records))
+        last_ns = None if heard.first_ns is None else heard.last_ns
+        found = stale(now, heard.window_ns, heard.first_ns, last_ns, self._limits)
+        return found or silent(now, max(heard.window_ns, heard.last_ns or 0), heard.pause)
 
-    def _alarms_differ(self, snapshot: Snapshot) -> bool:
-        """Whether other alarms are open than at the last evaluation: where one was cleared, its cause still lasts."""
-        return snapshot.alarms != self._judged.get(snapshot.asset)
 
-    def _show(self, asset: str, found: Stale | None) -> None:
-        before = self._table.latest(asset)
-        events: Events = ()
-        if found is not None and (before is None or found != before.stale):
-            log.warning("%s: %s", asset, found.reason, extra={"asset": asset})
-            fault = {
-                "window": None, "kind": "stale", "channel": "all", "count": 1, "action": "none",
-                "detail": found.reason,
-            }  # fmt: skip
-            events = (("data_fault", fault),)
-
-        def judge(alarms: AlarmKeeper, data: Mapping[str, Any]) -> Events:
-            return alarms.data(asset, data)
-
-        outcome = Outcome(asset=asset, changed={"stale": found}, events=events, judge=judge)
-        self._keep(outcome)
-        shown = self._table.latest(asset)
-        self._judged[asset] = () if shown is None else shown.alarms
+def _noticed(asset: str, found: Stale | None) -> Notice:
+    seen = {"reason": None} if found is None else {"since_ns": found.since_ns, "reason": found.reason}
+    return Notice(asset=asset, about=STALE, seen=seen)
 
 
 def _utc(time_ns: int) -> str:

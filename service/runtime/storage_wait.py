@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import socket
 import threading
 from collections import Counter
@@ -21,17 +20,12 @@ from service.errors import StorageUnavailable
 from service.results.storage_faults import is_away
 from service.runtime.http_gate import GatedSocket
 from service.runtime.http_server import Front, HttpServer
+from service.runtime.storage_watch import awaited
 
-FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0  # between two attempts [s]
 RETRY = {"Retry-After": "10"}
-
-log = logging.getLogger(__name__)
+LOOK_EVERY = 1.0  # whether the server answers [s]
 
 T = TypeVar("T")
-
-
-class StoppedWaiting(Exception):
-    """The service ends before its database could be used."""
 
 
 def opened(
@@ -55,24 +49,13 @@ def opened(
     except StorageUnavailable as error:
         if not is_away(error):
             raise
-        log.warning("%s: the service waits for it", error)
         reason = str(error)
-    from tenacity import Retrying, retry_if_exception, stop_when_event_set, wait_exponential
-    from tenacity.nap import sleep_using_event
-
     ended = threading.Event()
     found: list[AbstractContextManager[T] | Exception] = []
 
     def attempts() -> None:
-        again = Retrying(
-            retry=retry_if_exception(is_away),
-            wait=wait_exponential(multiplier=FIRST_PAUSE, max=LONGEST_PAUSE),
-            stop=stop_when_event_set(ended),
-            sleep=sleep_using_event(ended),
-            reraise=True,
-        )
         try:
-            found.append(again(open_store))
+            found.append(awaited(open_store, ended, longest=LOOK_EVERY))
         except Exception as error:
             found.append(error)
         server.end()
@@ -86,10 +69,7 @@ def opened(
     thread.join()
     (outcome,) = found
     if isinstance(outcome, Exception):
-        if is_away(outcome):
-            raise StoppedWaiting from outcome
         raise outcome
-    log.warning("the database can be used now")
     return outcome
 
 

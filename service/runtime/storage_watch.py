@@ -7,12 +7,13 @@ frame, and nothing of it ends the service.
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from service.errors import SteppedBack, StorageUnavailable, StoreError
-from service.results.storage_faults import storage_error
+from service.results.storage_faults import is_away, storage_error
 
 log = logging.getLogger(__name__)
 
@@ -94,3 +95,37 @@ class StorageWatch:
         if self.reason is not None:
             log.warning("%s can be used again: what waited has been kept", self._where)
         self.reason = self._cause = None
+
+
+class StoppedWaiting(Exception):
+    """The service ends before its database could be used."""
+
+
+def awaited(
+    open_store: Callable[[], T],
+    ended: threading.Event,
+    meant: Callable[[StorageUnavailable], bool] = is_away,
+    longest: float = LONGEST_PAUSE,
+) -> T:
+    """The store, tried again with growing pauses while it is away; StoppedWaiting once it is ended before.
+
+    meant    whether the store may be there later
+    longest  pause [s]
+    """
+    pause, said = FIRST_PAUSE, False
+    while True:
+        try:
+            found = open_store()
+        except StorageUnavailable as error:
+            if not meant(error):
+                raise
+            if not said:
+                log.warning("%s: it is waited for", error)
+            said = True
+        else:
+            if said:
+                log.warning("the database can be used now")
+            return found
+        if ended.wait(pause):
+            raise StoppedWaiting
+        pause = min(2 * pause, longest)

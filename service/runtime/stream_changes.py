@@ -5,16 +5,16 @@ All of it follows from the rows: a start that comes in between finds streams, ri
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from service.results.asset_table import AssetTable
 from service.results.jobs import RIG_ACCEPTED, Job
 from service.results.sql_store import SqlStore
 from service.runtime.intake import Intake
 from service.runtime.questions import GEARS_DIFFER, REPEATED
 from service.runtime.reception import Reception
+from service.runtime.routes import Routes
 from service.runtime.spool import Spool
-from service.runtime.state_publication import StatePublication
-from service.runtime.streams import Streams
-from service.runtime.turns import Turns
 
 
 class StreamChanges:
@@ -25,16 +25,15 @@ class StreamChanges:
         reception: Reception,
         store: SqlStore,
         table: AssetTable,
-        publication: StatePublication,
         *,
-        streams: Streams,
+        routes: Routes,
         intake: Intake,
         spool: Spool,
-        turns: Turns,
+        retire: Callable[[str, bool], None],
     ) -> None:
+        """retire  called with an asset that is retired now, or is no longer"""
         self._reception, self._store, self._table = reception, store, table
-        self._publication, self._streams, self._intake, self._spool = publication, streams, intake, spool
-        self._turns = turns
+        self._routes, self._intake, self._spool, self._retire = routes, intake, spool, retire
 
     def __call__(self, job: Job) -> None:
         """Follows a job."""
@@ -42,7 +41,9 @@ class StreamChanges:
         if job.kind == "other_machine":
             self._give(job.asset, outcome["asset"])
         elif job.kind == "renamed":
-            self._streams.reload()
+            self._routes.reload()
+        elif job.kind in ("retired", "reinstated"):
+            self._retire(job.asset, job.kind == "retired")
         elif job.kind == "ignore" and outcome["question"] == REPEATED:
             self._reception.ignore_repeats(job.asset)
         elif job.kind in ("gears_replaced", RIG_ACCEPTED) and outcome.get("question") != GEARS_DIFFER:
@@ -51,7 +52,7 @@ class StreamChanges:
     def _give(self, asset: str, name: str) -> None:
         """The stream is another machine's from now on; one that repeats times that have passed begins anew."""
         fresh = self._store.shown_asset(name).assembly is None
-        self._streams.reload()
+        self._routes.reload()
         if fresh:
             self._reception.flush(asset)
         else:
@@ -59,5 +60,3 @@ class StreamChanges:
         self._reception.split(asset, name, fresh=fresh)
         self._intake.know(name)
         self._table.renewed(name)
-        self._publication.publish(name)
-        self._turns.wake(name)

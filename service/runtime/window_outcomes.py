@@ -26,6 +26,11 @@ def left_out(start_ns: int, reason: str) -> Made:
     return Made(window=window, refused=reason, signals=False)
 
 
+def given_up(start_ns: int, reason: str) -> Made:
+    """What is made of a window that has ended those who carried it out: nothing, and its file is kept."""
+    return Made(window=Window(start_time_ns=start_ns, quality="refused"), refused=reason)
+
+
 def outcome_of(place: Place, made: Made) -> Outcome:
     """The outcome of a window."""
     window = made.window

@@ -1,47 +1,54 @@
 """One job of an asset, from its row to its transaction: what whoever computes does, in whatever process.
 
-    turned = work.turn(Turn(asset="press-7"))
+    turned = work.turn("press-7")
 
-People's jobs come before windows, and windows in the order in which they closed; those that wait for an answer by
-people are passed over. What a job goes on from is at hand where this process has committed the asset's last job, and is
-read else. What could not be committed is committed by the next turn, without being computed again; and what was
-committed by somebody who could not say so is told by it.
+People's jobs and notices come before windows, and windows in the order in which they closed; those that wait for an
+answer by people are passed over. What a job goes on from is at hand where this process has committed the asset's last
+job, and is read else. What could not be committed is committed by the next turn, without being computed again.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 from service.alarms.keeper import AlarmKeeper
 from service.alarms.rules import rules_at
-from service.errors import FAULT, InputError, StorageUnavailable, StoreError
+from service.errors import FAULT, InputError, SteppedBack, StorageUnavailable, StoreError
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
 from service.results.data_folder import BASELINES, SEGMENTS
-from service.results.jobs import WINDOW, Job, Jobs
+from service.results.jobs import TRIES, Job, Jobs
 from service.results.kept_signals import KeptSignals
 from service.results.names import Names
+from service.results.retention import Retention
+from service.results.schema import WINDOW
+from service.results.snapshot import Stale
 from service.results.sql_store import SqlStore, Superseded, new_mark
 from service.results.window_jobs import WaitingWindow, WindowJobs
 from service.runtime.asset_twins import AssetTwins
 from service.runtime.changes import Changes
 from service.runtime.commits import Commits, Marks
-from service.runtime.computing import Ask, Call, Made, Turn, Turned, WindowToUse, carry_out
+from service.runtime.computing import Ask, Call, Made, Turned, WindowToUse, carry_out
 from service.runtime.decisions import Decisions
+from service.runtime.notices import Notices
 from service.runtime.outcomes import Outcome
 from service.runtime.place import JobKind, Place
 from service.runtime.questions import ALL_WAIT, COUNT_FELL, count_fell, one_left_out
 from service.runtime.twin_port import Twin, guarded
-from service.runtime.window_outcomes import left_out, outcome_of
+from service.runtime.window_outcomes import given_up, left_out, outcome_of
 from service.settings import Settings
 from service.steady_clock import later_time_ns
 from twin.errors import TwinError
 from twin.rig import Rig
+
+log = logging.getLogger(__name__)
 
 KEPT = 64  # assets whose place is at hand; those of others are read again
 NO_WINDOW = "no window has been processed yet"
@@ -53,8 +60,15 @@ ONE_DISTURBED = (
 )
 
 
+PUT_BACK = "it was put back, or another server took its place; the service begins anew from what is there"
+
+
 class Stopped(Exception):
-    """An asset that cannot go on from what is kept of it, until the next start."""
+    """An asset that cannot go on from what is kept of it; it is tried again now and then."""
+
+
+class Ended(Exception):
+    """Nothing is committed here any more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +85,8 @@ class _Due:
 class Work:
     """The jobs of any asset; those of one asset are asked for one after the other.
 
-    begun  called with the row that is gone on with
+    begun  called with the row that is gone on with, and whether it is only to be refused
+    name   of whoever carries jobs out here
     """
 
     def __init__(
@@ -85,31 +100,50 @@ class Work:
         baselines: BaselineStore,
         signals: KeptSignals | None = None,
         alarms: AlarmKeeper | None = None,
-        begun: Callable[[int], object] = lambda row: None,
+        retention: Retention | None = None,
+        begun: Callable[[int, bool], object] = lambda row, refused: None,
+        name: str | None = None,
     ) -> None:
         self._begun = begun
-        self._store, self._windows, self._jobs = store, windows, Jobs(store.database)
-        self._commits = Commits(store, table, windows, signals, alarms)
+        self.database = store.database
+        self._store, self._table, self._windows, self._jobs = store, table, windows, Jobs(store.database)
+        self._commits = Commits(store, table, windows, signals, alarms, worker=name, retention=retention)
         self._twins = AssetTwins(twin, baselines)
         changes = Changes(self._jobs, windows, store, table, names=names, baselines=baselines)
-        self._kinds: Mapping[str, JobKind] = {**Decisions(store).kinds, **changes.kinds}
+        notices = Notices(self._jobs, store, table)
+        self._kinds: Mapping[str, JobKind] = {**Decisions(store).kinds, **changes.kinds, **notices.kinds}
         self._places: OrderedDict[str, tuple[int, Place]] = OrderedDict()  # with the asset's mark
         self._lock = threading.Lock()  # of those: several threads have assets side by side
         self._due: dict[str, _Due] = {}  # by asset
         self.ended = threading.Event()  # nothing is committed any more
 
-    def turn(self, turn: Turn) -> Turned:
-        """The next job of an asset."""
+    def turn(self, asset: str, *, hand_back: bool = False) -> Turned:
+        """Carries the next job of an asset out.
+
+        hand_back  whether nothing is done where it leads to a search for effects, which may take long
+        """
         try:
-            return self._turn(turn)
+            return self._turn(asset, hand_back)
+        except Ended:
+            return Turned(asset=asset)
         except Stopped as reason:
-            return Turned(asset=turn.asset, stopped=str(reason))
+            return self._stopped(asset, reason)
         except StorageUnavailable as error:
             if error.reason == "damaged":
-                return Turned(asset=turn.asset, stopped=str(error))
-            return self._unstored(turn, error)
+                return self._stopped(asset, error)
+            return Turned(asset=asset, unstored=error)
         except (StoreError, OSError) as error:
-            return self._unstored(turn, error)
+            return Turned(asset=asset, unstored=error)
+
+    def _stopped(self, asset: str, reason: Exception) -> Turned:
+        """Nothing is done of an asset now: it is shown so."""
+        shown = self._table.get(asset)
+        if shown is None or shown.damaged is None or shown.damaged.reason != str(reason):  # nobody has said so yet
+            log.error("%s", reason, extra={"asset": asset})
+            self._table.note(asset, damaged=Stale(since_ns=later_time_ns(), reason=str(reason)))
+        with suppress(StoreError):
+            self._table.write_noted()
+        return Turned(asset=asset, stopped=str(reason))
 
     def curves(self, asset: str) -> Mapping[Any, Any]:
         """The wear curves of an asset that are at hand, by their keys."""
@@ -118,26 +152,41 @@ class Work:
 
     # -- turns ---------------------------------------------------------------------------------------
 
-    def _turn(self, turn: Turn) -> Turned:
-        asset, mark = turn.asset, self._store.mark(turn.asset)
+    def _turn(self, asset: str, hand_back: bool) -> Turned:
+        mark = self._store.mark(asset)
         due = self._due.get(asset)
         if due is not None and mark in due.marks:
             return self._commit(due)
         self._due.pop(asset, None)
-        if turn.tried and (ended := self._ended(asset, turn.tried)) is not None:
-            return ended
         job = self._jobs.next(asset)
         window = self._windows.next(asset) if job is None else None
         waits = job or window
         if waits is None:
             return Turned(asset=asset)
-        self._begun(waits.id)
-        place = self._place(asset, mark)
+        self._begun(waits.id, waits.tries >= TRIES)
+        try:
+            return self._carry_out(asset, mark, job, window, hand_back)
+        except (StoreError, OSError, Stopped, Ended):
+            raise
+        except MemoryError:
+            self._jobs.failed(waits.id, "had too little memory")
+            raise
+        except Exception as error:
+            log.exception("%s: what was to be done next", asset, extra={"asset": asset})
+            self._jobs.failed(waits.id, f"{type(error).__name__}: {error}")
+            return Turned(asset=asset, job=waits.id)
+
+    def _carry_out(
+        self, asset: str, mark: int, job: Job | None, window: WaitingWindow | None, hand_back: bool
+    ) -> Turned:
+        waits, place = job or window, self._place(asset, mark)
+        assert waits is not None
         marks = Marks(mark, new_mark())
+        refuse = f"{FAULT}: {waits.fault}, {waits.tries} times" if waits.tries >= TRIES else None
         if job is not None:
-            return self._people(place, marks, job, turn)
+            return self._people(place, marks, job, refuse, hand_back)
         assert window is not None
-        return self._window(place, marks, window, turn)
+        return self._window(place, marks, window, refuse, hand_back)
 
     def _place(self, asset: str, mark: int) -> Place:
         """Where the asset's jobs have come to."""
@@ -176,13 +225,13 @@ class Work:
         """Keeps what a job has led to, and goes on from it."""
         asset, outcome = due.place.asset, due.outcome
         if self.ended.is_set():
-            raise Stopped("the service has ended")
+            raise Ended
         self._due[asset] = due
         try:
-            self._commits.commit(outcome, due.job, due.marks)
+            is_new = self._commits.commit(outcome, due.job, due.marks)
         except Superseded:
             del self._due[asset]
-            return self._ended(asset, due.turned.job) or Turned(asset=asset, more=True)
+            return Turned(asset=asset)
         except (StoreError, OSError):
             raise
         except BaseException:
@@ -190,98 +239,84 @@ class Work:
             raise
         del self._due[asset]
         due.place.accept(outcome)
-        if due.job is not None and due.job.changes:
+        if not is_new or (due.job is not None and due.job.changes):
             with self._lock:
-                self._places.pop(asset, None)  # its rig file or its baseline may be another one
+                self._places.pop(asset, None)  # nothing has moved on, or its rig file or baseline may be another one
         else:
             self._at_hand(due.place, due.marks.after)
         outcome.after()
-        return replace(due.turned, stored_ns=later_time_ns(), more=self._more(asset))
+        return due.turned
 
-    def _unstored(self, turn: Turn, error: StoreError | OSError) -> Turned:
-        """What was not committed now, as far as is known."""
-        due = self._due.get(turn.asset)
-        return Turned(asset=turn.asset, job=turn.tried if due is None else due.turned.job, unstored=error)
+    # -- people's jobs, and notices ------------------------------------------------------------------
 
-    def _ended(self, asset: str, row: int | None) -> Turned | None:
-        """What somebody has done of a row who could not say so; None where it is still to be done."""
-        assert row is not None
-        stands = self._jobs.stands(row)
-        if stands is not None and not stands.done and not stands.held:
-            return None
-        turned = Turned(asset=asset, job=row, stored_ns=later_time_ns(), more=self._more(asset))
-        if stands is not None:
-            return replace(turned, kind=stands.kind, held=bool(stands.held))
-        record = next((window.record for window in self._store.latest_windows(asset, 1)), {})
-        return replace(turned, kind=WINDOW, index=record.get("index", -1), grade=record.get("quality", ""))
-
-    def _more(self, asset: str) -> bool:
-        """Whether another job of the asset waits for its turn."""
-        try:
-            return self._jobs.next(asset) is not None or self._windows.next(asset) is not None
-        except StoreError:
-            return True
-
-    # -- people's jobs -------------------------------------------------------------------------------
-
-    def _people(self, place: Place, marks: Marks, job: Job, turn: Turn) -> Turned:
-        kind, turned = self._kinds[job.kind], Turned(asset=place.asset, job=job.id, kind=job.kind)
-        refused = turn.refusal(job.id) or (None if kind.begins or place.begun else NO_WINDOW)
+    def _people(self, place: Place, marks: Marks, job: Job, refused: str | None, hand_back: bool) -> Turned:
+        kind, turned, stages = self._kinds[job.kind], Turned(asset=place.asset, job=job.id, kind=job.kind), {}
+        refused = refused or (None if kind.begins or place.begun else NO_WINDOW)
         try:
             if refused is None:
                 ask = kind.ask(place, job)
-                made = Made() if ask is None else self._carried_out(place, ask, turn)
+                made = Made() if ask is None else self._carried_out(place, ask, hand_back)
                 if made.handed_back:
-                    return replace(turned, job=None, search=True)
-                verb = "" if ask is None else ask.verb
-                turned, refused = replace(turned, verb=verb, parts=made.parts), made.refused
+                    return Turned(asset=place.asset, search=True)
+                if ask is not None:
+                    stages = {"verb": ask.verb, "parts": made.parts}
+                refused = made.refused
             if refused is None:
                 outcome = kind.then(place, job, made)
+                if outcome is None:
+                    self._jobs.end(job)
+                    return turned
+                outcome = replace(outcome, stages=stages)
                 return self._commit(_Due(place=place, outcome=outcome, job=job, marks=marks, turned=turned))
         except StoreError:
             raise
         except (TwinError, InputError) as reason:
             refused = str(reason)
-        self._jobs.refuse(job.id, refused, kind.refused(job, refused))
-        return replace(turned, fault=refused.startswith(FAULT), more=self._more(place.asset))
+        self._jobs.refuse(job, refused, kind.refused(job, refused))
+        return turned
 
-    def _carried_out(self, place: Place, ask: Ask, turn: Turn) -> Made:
+    def _carried_out(self, place: Place, ask: Ask, hand_back: bool) -> Made:
         return carry_out(
-            Call(
-                asset=place.asset, twin=place.twin, rig=place.rig, state=place.state, ask=ask, hand_back=turn.hand_back
-            )
+            Call(asset=place.asset, twin=place.twin, rig=place.rig, state=place.state, ask=ask, hand_back=hand_back)
         )
 
     # -- windows -------------------------------------------------------------------------------------
 
-    def _window(self, place: Place, marks: Marks, window: WaitingWindow, turn: Turn) -> Turned:
-        turned = Turned(asset=place.asset, job=window.id, kind=WINDOW, verb="window", started_ns=later_time_ns())
+    def _window(self, place: Place, marks: Marks, window: WaitingWindow, refuse: str | None, hand_back: bool) -> Turned:
+        turned, started_ns = Turned(asset=place.asset, job=window.id, kind=WINDOW), later_time_ns()
         question, file = place.question, self._windows.path_of(window)
         if question is not None and question["kind"] in ALL_WAIT and file is not None:
             return self._hold(place, marks, window, question, None, turned)
         if file is None:
             made = left_out(window.start_ns, window.refuse or "")
+        elif refuse is not None:
+            made = given_up(window.start_ns, refuse)
         else:
-            refuse = window.refuse or turn.refusal(window.id)
-            given = WindowToUse(start_ns=window.start_ns, file=file, before=place.encoders, refuse=refuse)
-            made = self._carried_out(place, Ask("window", given), turn)
+            given = WindowToUse(start_ns=window.start_ns, file=file, before=place.encoders, refuse=window.refuse)
+            made = self._carried_out(place, Ask("window", given), hand_back)
         if made.handed_back:
-            return replace(turned, job=None, search=True)
-        turned = replace(
-            turned, made_ns=later_time_ns(), parts=made.parts, fault=(made.refused or "").startswith(FAULT)
-        )
+            return Turned(asset=place.asset, search=True)
+        if made.refused is not None and file is not None and not file.exists():
+            again = self._windows.next(place.asset)
+            if again is not None and again.id == window.id and again.file is None:  # it has been left out meanwhile
+                return self._window(place, marks, again, refuse, hand_back)
+            if again == window:  # a file is deleted after the commit by which its row names it no more
+                raise SteppedBack(
+                    f"{file.name}, which the database names, is gone: {PUT_BACK}", reason="input or output"
+                )
+        stages = {"verb": "window", "job": window.id, "started_ns": started_ns, "made_ns": later_time_ns()}
         fell = made.fell
         if fell is not None and not fell.ignored:
             asked = question or count_fell(fell.seen, fell.fallen, window.start_ns)
             return self._hold(place, marks, window, asked, made.state, turned)
         if fell is not None:
             made = replace(made, refused=fell.reason)
-        outcome = replace(outcome_of(place, made), waited=window.id)
+        outcome = replace(outcome_of(place, made), waited=window, stages=stages | {"parts": made.parts})
         if self._is_one_disturbed(question, window, made):
             outcome = replace(outcome, changed={"question": None}, refuse=ONE_DISTURBED)
         elif file is None and window.again and question is not None:
             outcome = replace(outcome, changed={"question": one_left_out(question)})
-        turned = replace(turned, index=outcome.index, grade=outcome.record["quality"])
+        turned = replace(turned, index=outcome.index)
         return self._commit(_Due(place=place, outcome=outcome, job=None, marks=marks, turned=turned))
 
     def _hold(
@@ -297,12 +332,11 @@ class Work:
         held = Outcome(
             asset=place.asset,
             held=True,
-            waited=window.id,
+            waited=window,
             state=state,
             changed={"question": question},
             events=(("question", dict(question)),) if place.question is None else (),
         )
-        turned = replace(turned, held=True)
         return self._commit(_Due(place=place, outcome=held, job=None, marks=marks, turned=turned))
 
     def _is_one_disturbed(self, question: Mapping[str, Any] | None, window: WaitingWindow, made: Made) -> bool:
@@ -325,8 +359,8 @@ class Workplace:
     make: Callable[[Any], Twin]
     options: Any
 
-    def work(self, begun: Callable[[int], object]) -> Work:
-        """What is done there; `begun` is that of `Work`."""
+    def work(self, begun: Callable[[int, bool], object], name: str) -> Work:
+        """What is done there; `begun` and `name` are those of `Work`."""
         store, data = self.open(), self.settings.data
         alarms = AlarmKeeper(AlarmStore(store.database), rules_at(self.settings.alarm_rules), self.settings.webhooks)
         segments = data / SEGMENTS
@@ -337,7 +371,9 @@ class Workplace:
             windows=WindowJobs(store.database, segments, sweeps=False),
             names=Names(store.database),
             baselines=BaselineStore(store.database, data / BASELINES, clears=False),
-            signals=KeptSignals(store.database, lambda asset: segments, self.settings.signal_bytes),
+            signals=KeptSignals(store.database, segments, self.settings.signal_bytes),
             alarms=alarms,
+            retention=Retention.of(self.settings),
             begun=begun,
+            name=name,
         )

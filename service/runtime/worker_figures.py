@@ -9,12 +9,12 @@ from typing import Any
 
 from service.results.asset_table import AssetTable
 from service.runtime.backlogs import NOTHING, Backlogs
+from service.runtime.followed import Followed
 from service.runtime.intake import Intake
 from service.runtime.reception import Reception
 from service.runtime.spool import Spool
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
-from service.runtime.turns import Turns
 from service.runtime.window_outcomes import LEFT_OUT
 from service.stream.inbox import Inbox
 
@@ -52,7 +52,7 @@ def storage_figures(storage: StorageWatch, data: Path, spool: Spool | None) -> d
 
 
 def waiting_figures(
-    table: AssetTable, turns: Turns | None, backlogs: Backlogs | None, reception: Reception | None
+    table: AssetTable, followed: Followed | None, backlogs: Backlogs | None, reception: Reception | None
 ) -> dict[str, Any]:
     """Of the windows that wait, all together and by asset."""
     every = {} if backlogs is None else backlogs.all
@@ -61,7 +61,7 @@ def waiting_figures(
     if reception is not None:
         shed |= {(asset, "reception"): count for asset, count in reception.shed().items()}
     return {
-        "program_faults": 0 if turns is None else turns.faults,
+        "program_faults": 0 if followed is None else followed.faults,
         "windows_waiting": sum(waits.all_windows for waits in every.values()),
         "windows_waiting_bytes": sum(waits.bytes for waits in every.values()),
         "lag_seconds": {asset: waits.lag for asset, waits in known.items()},

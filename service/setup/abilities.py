@@ -69,16 +69,8 @@ class Ability:
 
 def equipment_of(answers: Answers, draft: RigDraft) -> Equipment:
     """The equipment that the answers describe."""
-    return Equipment(
-        accelerometers=len(answers.accelerometers),
-        edges=answers.edges,
-        torque=answers.torque_meter,
-        teeth=answers.teeth,
-        speed_known=True,
-        without_model=_without_model(draft.rig, draft.without_model),
-        estimated=bool(draft.rig.estimated.parts),
-        limit=draft.rig.get("end_of_life.max_depth") is not None,
-    )
+    accelerometers = len(answers.accelerometers)
+    return equipment_of_rig(draft.rig, accelerometers, answers.edges, answers.torque_meter, draft.without_model)
 
 
 def _without_model(rig: Rig, reasons: tuple[str, ...]) -> tuple[str, ...]:
@@ -91,8 +83,13 @@ def _without_model(rig: Rig, reasons: tuple[str, ...]) -> tuple[str, ...]:
     return reasons or (f"the rig file does not give {', '.join(missing[:4])}{' …' if len(missing) > 4 else ''}",)
 
 
-def equipment_of_rig(rig: Rig, accelerometers: int, edges: tuple[int, int], torque: bool) -> Equipment:
-    """The equipment of a machine with a rig file and so many sensors."""
+def equipment_of_rig(
+    rig: Rig, accelerometers: int, edges: tuple[int, int], torque: bool, reasons: tuple[str, ...] = ()
+) -> Equipment:
+    """The equipment of a machine with a rig file and so many sensors.
+
+    reasons  why the rig file holds no model, where they are known
+    """
     known = rig.has("gears.pinion.teeth", "gears.gear.teeth")
     return Equipment(
         accelerometers=accelerometers,
@@ -100,7 +97,7 @@ def equipment_of_rig(rig: Rig, accelerometers: int, edges: tuple[int, int], torq
         torque=torque,
         teeth=rig.teeth if known else None,
         speed_known=rig.has("operating.pinion_speed_hz"),
-        without_model=_without_model(rig, ()),
+        without_model=_without_model(rig, reasons),
         estimated=bool(rig.estimated.parts),
         limit=rig.get("end_of_life.max_depth") is not None,
     )

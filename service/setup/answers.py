@@ -27,16 +27,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from math import pi, radians
+from math import isfinite, pi, radians
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from service.errors import InputError
-from service.files.documents import check_asset, load_document
-from service.files.gear_age import age_of
-from service.setup.questions import OF_SENSOR, QUESTIONS, Question
-from service.setup.units import quantity
+from service.files.documents import Part, load_document
+from service.files.rig import age_of
+from service.setup.questions import OF_SENSOR, QUESTIONS, Question, quantity
 
+T = TypeVar("T")
 SCHEMA = "gear-answers/1"
 AGREE = 0.02  # relative difference up to which two statements of one dimension count as one
 TEETH = (6, 1000)
@@ -94,38 +94,37 @@ class Answers:
     @property
     def driving(self) -> tuple[str, str]:
         """The machine's names of the driving and of the driven gear."""
-        return ("pinion", "gear") if self.driver == "pinion" else ("gear", "pinion")
+        return self._of_shafts("pinion", "gear")
 
     @property
     def teeth(self) -> tuple[int, int]:
         """Of the driving and of the driven gear."""
-        return (self.pinion_teeth, self.gear_teeth) if self.driver == "pinion" else (self.gear_teeth, self.pinion_teeth)
+        return self._of_shafts(self.pinion_teeth, self.gear_teeth)
 
     @property
     def edges(self) -> tuple[int, int]:
         """Edges a turn on the driving and on the driven shaft: of a quadrature encoder four a line."""
         each = 4 if self.encoder_signal == "quadrature" else 1
-        both = each * self.encoder_pinion, each * self.encoder_gear
-        return both if self.driver == "pinion" else both[::-1]
+        return self._of_shafts(each * self.encoder_pinion, each * self.encoder_gear)
 
     @property
     def encoder_columns(self) -> tuple[str | None, str | None]:
         """Of the encoders of the driving and of the driven shaft."""
-        both = self.encoder_pinion_column, self.encoder_gear_column
-        return both if self.driver == "pinion" else both[::-1]
+        return self._of_shafts(self.encoder_pinion_column, self.encoder_gear_column)
 
     @property
     def shaft_diameters(self) -> tuple[float | None, float | None]:
         """Of the driving and of the driven shaft [m]."""
-        both = self.shaft_diameter_pinion, self.shaft_diameter_gear
-        return both if self.driver == "pinion" else both[::-1]
+        return self._of_shafts(self.shaft_diameter_pinion, self.shaft_diameter_gear)
+
+    def _of_shafts(self, pinion: T, gear: T) -> tuple[T, T]:
+        """What belongs to the driving and what to the driven shaft."""
+        return (pinion, gear) if self.driver == "pinion" else (gear, pinion)
 
 
 def load_answers(path: str | Path) -> Answers:
     """The answers of an answers file."""
-    data = load_document(path, "answers file")
-    if data.get("schema") != SCHEMA:
-        raise InputError(f"{path}: schema = {data.get('schema')!r} must be {SCHEMA!r}")
+    data = Part(str(path), load_document(path, "answers file")).of_schema(SCHEMA).values
     return checked_answers({key: value for key, value in data.items() if key != "schema"}, str(path))
 
 
@@ -136,7 +135,7 @@ def checked_answers(data: Mapping[str, Any], where: str) -> Answers:
         if key not in known_keys:
             raise InputError(f"{where}: {key} is not a question of init; known: {', '.join(sorted(known_keys))}")
     read = {q.key: read_answer(f"{where}: {q.key}", q, data.get(q.key)) for q in QUESTIONS}
-    check_asset(where, read)
+    Part(where, read).asset()
     read["age"] = age_of(f"{where}: age", read["age"], read["speed"])
     accelerometers = data.get("accelerometers", [])
     if not isinstance(accelerometers, list) or not all(isinstance(a, dict) for a in accelerometers):
@@ -179,7 +178,7 @@ def read_answer(where: str, question: Question, given: Any) -> Any:
 
 def _yes(where: str, given: Any) -> bool:
     known = {True: True, False: False, "yes": True, "no": False, "y": True, "n": False}
-    if given not in known:
+    if isinstance(given, (list, dict)) or given not in known:
         raise InputError(f"{where} = {given!r} must be yes or no")
     return known[given]
 
@@ -189,7 +188,7 @@ def _number(where: str, question: Question, given: Any) -> float | int:
         value = float(given)
     except (TypeError, ValueError):
         value = float("nan")
-    if isinstance(given, bool) or value != value:
+    if isinstance(given, bool) or not isfinite(value):
         raise InputError(f"{where} = {given!r} must be a number, such as {question.example}")
     if question.kind == "number":
         return value
@@ -199,10 +198,7 @@ def _number(where: str, question: Question, given: Any) -> float | int:
 
 
 def _accelerometer(where: str, table: Mapping[str, Any]) -> Accelerometer:
-    keys = [q.key for q in OF_SENSOR]
-    for key in table:
-        if key not in keys:
-            raise InputError(f"{where}.{key} is not known; known here: {', '.join(keys)}")
+    Part(where, table).only(*(q.key for q in OF_SENSOR))
     found = Accelerometer(**{q.key: read_answer(f"{where}.{q.key}", q, table.get(q.key)) for q in OF_SENSOR})
     if (found.unit == "V") != (found.sensitivity is not None):
         raise InputError(f"{where}: unit 'V' and sensitivity (V per m/s²) go together")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from service.errors import InputError
-from service.files.rig import checked_rig, expected_channels, load_rig
+from service.files.rig import checked_rig, choose_asset, expected_channels, load_rig
 from service.setup.abilities import Ability, Equipment, abilities, equipment_of_rig, one_more
 from service.stream.assembly import DEFAULT, AssemblySettings
-from service.stream.sources.mcap import Recording
-from service.stream.windows import Windows
+from service.stream.channels import CHANNEL_KINDS, SHAFTS, Layout, kind_of
+from service.stream.sources.mcap import Recording, windows_of
 from service.stream.wire.topics import PREFIX
 from twin.errors import TwinError
 from twin.features.extract import extract
@@ -68,39 +68,18 @@ def examined(
             raise InputError("nothing to examine: name a recording, or a rig file with --rig")
         return _of_rig(load_rig(rig_path), rig_path)
     with Recording(path, prefix) as recording:
-        if asset is None and len(recording.assets) != 1:
-            raise InputError(
-                f"{path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; --asset NAME"
-            )
-        name = asset or recording.assets[0]
-        if name not in recording.assets:
-            raise InputError(f"{path}: has no asset {name!r}; choose one of {', '.join(recording.assets)}")
-        mapping = recording.rig()
-        rig = _rig_of(mapping, rig_path, path)
-        windows = list(islice(_windows(recording, name, assembly), MOST_WINDOWS))
+        name, mapping = choose_asset(recording, asset), recording.rig()
+        rig = load_rig(rig_path) if rig_path else checked_rig(mapping or {}, f"{path}: attached rig.toml")
+        windows = list(islice(windows_of(recording, assembly, name), MOST_WINDOWS))
     if not windows:
         raise InputError(f"{path}: no whole window: {'; '.join(recording.faults) or 'no frames'}")
     return _of_windows(path, rig, rig_path or (f"{path}: attached" if mapping is not None else None), windows)
 
 
-def _rig_of(mapping: dict[str, Any] | None, rig_path: Path | None, path: Path) -> Rig:
-    if rig_path is not None:
-        return load_rig(rig_path)
-    return checked_rig(mapping or {}, f"{path}: attached rig.toml")
-
-
-def _windows(recording: Recording, asset: str, assembly: AssemblySettings) -> Iterator[Window]:
-    windows = Windows(assembly)
-    for frame in recording.frames(lambda channel, _: windows.count(channel.label, "invalid")):
-        if frame.channel.asset == asset:
-            yield from windows.add(frame)
-    yield from windows.flush()
-
-
 def _of_rig(rig: Rig, rig_path: Path) -> Examination:
     """A rig file alone: the sensors that it names."""
     accelerometers = int(rig.accelerometer is not None)
-    edges = tuple(int(rig.get(f"encoders.{shaft}_edges_per_rev", 0)) for shaft in ("pinion", "gear"))
+    edges = tuple(int(rig.get(f"encoders.{shaft}_edges_per_rev", 0)) for shaft in SHAFTS)
     equipment = equipment_of_rig(rig, accelerometers, (edges[0], edges[1]), rig.has("sensors.torque"))
     return _with_abilities(equipment, None, rig_path, 0, (), _rig_findings(rig))
 
@@ -117,18 +96,14 @@ def _of_windows(path: Path, rig: Rig, rig_said: Any, windows: list[Window]) -> E
     if "swapped" in named:  # the speed is another shaft's then, and so is the mesh frequency
         named.add("mesh")
     own = [f for f in findings(rig, seen) if not f.mistake or f.mistake not in named]
-    found = [*_channel_findings(rig, windows), *own, *mistakes, *_rig_findings(rig)]
+    channels = _channels(windows)
+    found = [*_channel_findings(rig, channels), *own, *mistakes, *_rig_findings(rig)]
     for reason in dict.fromkeys(refused):
         found.append(Finding(level=PROBLEM, text=f"{refused.count(reason)} of {len(windows)} windows: {reason}"))
-    labels = {label for window in windows for label in _labels(window)}
-    edges = tuple(
-        max((w.encoders[shaft].per_rev for w in windows if shaft in w.encoders), default=0)
-        for shaft in ("pinion", "gear")
-    )
-    equipment = equipment_of_rig(
-        rig, sum(label.startswith("accel/") for label in labels), (edges[0], edges[1]), "torque/pinion" in labels
-    )
-    rows = tuple(_row(label, windows) for label in sorted(labels))
+    edges = [max((e.per_rev for e in channels.get(f"encoder/{shaft}", ())), default=0) for shaft in SHAFTS]
+    accelerometers = sum(label.startswith("accel/") for label in channels)
+    equipment = equipment_of_rig(rig, accelerometers, (edges[0], edges[1]), "torque/pinion" in channels)
+    rows = tuple(_row(label, held) for label, held in channels.items())
     return _with_abilities(equipment, path, rig_said, len(windows), rows, found)
 
 
@@ -146,51 +121,43 @@ def _with_abilities(
     )
 
 
-def _labels(window: Window) -> list[str]:
-    return [
-        *(f"accel/{name}" for name in window.accelerations),
-        *(f"torque/{name}" for name in window.torques),
-        *(f"encoder/{name}" for name in window.encoders),
-        *window.slow,
-    ]
+def _channels(windows: list[Window]) -> dict[str, list[Any]]:
+    """What the windows hold of each channel, by its label."""
+    found: dict[str, list[Any]] = {}
+    for window in windows:
+        for kind in (k for k in CHANNEL_KINDS.values() if not k.slow):
+            for name, held in getattr(window, kind.window_field).items():
+                found.setdefault(f"{kind.segment}/{name}", []).append(held)
+        for label, value in window.slow.items():
+            found.setdefault(label, []).append(value)
+    return dict(sorted(found.items()))
 
 
-def _row(label: str, windows: list[Window]) -> ChannelRow:
-    kind, _, name = label.partition("/")
-    if kind in ("accel", "torque"):
-        found = [
-            group[name]
-            for w in windows
-            for group in (w.accelerations if kind == "accel" else w.torques,)
-            if name in group
-        ]
-        values = np.concatenate([s.values for s in found])
+def _row(label: str, held: list[Any]) -> ChannelRow:
+    kind = kind_of(label)
+    if kind.layout is Layout.SAMPLES:
+        values = np.concatenate([s.values for s in held])
         values = values[np.isfinite(values)]
-        unit = "m/s²" if kind == "accel" else "N·m"
         level = "no valid sample"
         if values.size:
-            first = f"RMS {values.std():.3g}" if kind == "accel" else f"mean {values.mean():.4g}"
-            level = f"{first}, largest {np.abs(values).max():.3g} {unit}"
-        return ChannelRow(
-            label=label, rate=f"{found[0].rate:g} Hz", duration=sum(s.duration for s in found), level=level
-        )
-    if kind == "encoder":
-        edges = [w.encoders[name] for w in windows if name in w.encoders]
-        known = [np.flatnonzero(np.isfinite(e.times)) for e in edges]
-        turns = sum((k[-1] - k[0]) / e.per_rev for k, e in zip(known, edges, strict=True) if k.size)
-        length = sum(float(np.nanmax(e.times) - np.nanmin(e.times)) for e in edges if np.isfinite(e.times).any())
-        rate = "1 edge a turn" if edges[0].per_rev == 1 else f"{edges[0].per_rev} edges a turn"
+            first = f"RMS {values.std():.3g}" if kind.vibration else f"mean {values.mean():.4g}"
+            level = f"{first}, largest {np.abs(values).max():.3g} {kind.unit}"
+        return ChannelRow(label=label, rate=f"{held[0].rate:g} Hz", duration=sum(s.duration for s in held), level=level)
+    if kind.layout is Layout.EDGES:
+        known = [np.flatnonzero(np.isfinite(e.times)) for e in held]
+        turns = sum((k[-1] - k[0]) / e.per_rev for k, e in zip(known, held, strict=True) if k.size)
+        length = sum(float(np.nanmax(e.times) - np.nanmin(e.times)) for e in held if np.isfinite(e.times).any())
+        rate = "1 edge a turn" if held[0].per_rev == 1 else f"{held[0].per_rev} edges a turn"
         return ChannelRow(
             label=label, rate=rate, duration=length,
             level=f"{turns:.4g} turns, {turns / length:.4g} Hz" if length else "no valid edge",
         )  # fmt: skip
-    values = np.array([w.slow[label].value for w in windows if label in w.slow])
+    values = np.array([s.value for s in held])
     return ChannelRow(label=label, rate="slow", duration=0.0, level=f"{values.min():.4g} to {values.max():.4g} (SI)")
 
 
-def _channel_findings(rig: Rig, windows: list[Window]) -> Iterator[Finding]:
+def _channel_findings(rig: Rig, labels: Collection[str]) -> Iterator[Finding]:
     """Channels that the rig file names and the recording lacks, and an accelerometer that it does not name."""
-    labels = {label for window in windows for label in _labels(window)}
     for label in expected_channels(rig):
         if label not in labels:
             yield Finding(
@@ -198,7 +165,7 @@ def _channel_findings(rig: Rig, windows: list[Window]) -> Iterator[Finding]:
                 text=f"{label}, which the rig file names, is not in the recording",
                 remedy="another name in the mapping, or another sensor in the rig file?",
             )
-    sensors = sorted(label for label in labels if label.startswith("accel/"))
+    sensors = [label for label in labels if label.startswith("accel/")]
     if sensors and rig.accelerometer is None and len(sensors) > 1:
         yield Finding(
             level=NOTE,

@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from service.setup.answers import Answers
 from service.setup.rig_file import RigDraft
-from service.setup.toml_text import value_text
+from service.toml_text import lines_of
 
 
 def mapping_text(answers: Answers, draft: RigDraft, rig_name: str) -> str:
     """The mapping file, which names the rig file that lies next to it."""
-    path = answers.data_file or "data.csv"
-    lines = [
-        f"# Mapping of {answers.asset}, written by gear-twin init: which column is which channel.",
-        'schema = "gear-import/1"',
-        f"asset = {value_text(answers.asset)}",
-        f"rig = {value_text(rig_name)}",
-        f"age = {value_text(age_text(answers.age))}  # of the gears when the file begins",
-        "",
-        "[file]",
-        f"path = {value_text(path)}" + ("" if answers.data_file else "  # replace: your data file"),
-        "# sample_rate_hz = 25600  # of a file without a time column"
-        if answers.sample_rate is None
-        else f"sample_rate_hz = {value_text(answers.sample_rate)}",
-    ]
+    head = {"schema": "gear-import/1", "asset": answers.asset, "rig": rig_name, "age": age_text(answers.age)}
+    own = answers.data_file
+    file = {"path": own or "data.csv", "sample_rate_hz": answers.sample_rate}
+    lines = [f"# Mapping of {answers.asset}, written by gear-twin init: which column is which channel."]
+    lines += lines_of(head, {"age": "of the gears when the file begins"})
+    lines += ["", "[file]", *lines_of(file, {} if own else {"path": "replace: your data file"})]
+    if answers.sample_rate is None:
+        lines.append("# sample_rate_hz = 25600  # of a file without a time column")
     for name, sensor in zip(draft.accelerometers, answers.accelerometers, strict=True):
-        lines += ["", f"[channels.{name}]", *_column(sensor.column, name), f"unit = {value_text(sensor.unit)}"]
-        if sensor.sensitivity is not None:
-            lines.append(f"sensitivity = {value_text(sensor.sensitivity)}")
+        lines += _channel(name, sensor.column, name, unit=sensor.unit, sensitivity=sensor.sensitivity)
     if answers.torque_meter:
-        lines += ["", "[channels.torque.pinion]", *_column(answers.torque_column, "torque"), 'unit = "Nm"']
+        lines += _channel("torque.pinion", answers.torque_column, "torque", unit="Nm")
     for shaft, edges, column in zip(("pinion", "gear"), answers.edges, answers.encoder_columns, strict=True):
         if edges:
-            lines += ["", *_encoder(answers.encoder_signal, shaft, edges, column)]
+            lines += _encoder(answers.encoder_signal, shaft, edges, column)
     return "\n".join(lines)
 
 
@@ -40,27 +34,16 @@ def age_text(age: str | float) -> str:
     return age if isinstance(age, str) else f"{age:.0f} rev"
 
 
-def _column(column: str | None, name: str) -> list[str]:
-    if column is not None:
-        return [f"column = {value_text(column)}"]
-    return [f"column = {value_text(name)}  # replace: header of the column"]
+def _channel(name: str, column: str | None, assumed: str, **more: Any) -> list[str]:
+    about = {} if column else {"column": "replace: header of the column"}
+    return ["", f"[channels.{name}]", *lines_of({"column": column or assumed, **more}, about)]
 
 
 def _encoder(signal: str, shaft: str, edges: int, column: str | None) -> list[str]:
     if signal == "pulses":
-        return [
-            f"[channels.tachometer.{shaft}]",
-            *_column(column, f"tachometer_{shaft}"),
-            'unit = "V"',
-            f"pulses_per_rev = {edges}",
-        ]
-    head = f"[channels.encoder.{shaft}]"
+        return _channel(f"tachometer.{shaft}", column, f"tachometer_{shaft}", unit="V", pulses_per_rev=edges)
     if signal == "quadrature":
-        columns = value_text([f"{shaft}_a", f"{shaft}_b"])
-        return [
-            head,
-            f"columns = {columns}  # replace: headers of both levels",
-            'unit = "quadrature"',
-            f"edges_per_rev = {edges}",
-        ]
-    return [head, *_column(column, f"{shaft}_edges"), 'unit = "s"', f"edges_per_rev = {edges}"]
+        values = {"columns": [f"{shaft}_a", f"{shaft}_b"], "unit": "quadrature", "edges_per_rev": edges}
+        about = {"columns": "replace: headers of both levels"}
+        return ["", f"[channels.encoder.{shaft}]", *lines_of(values, about)]
+    return _channel(f"encoder.{shaft}", column, f"{shaft}_edges", unit="s", edges_per_rev=edges)

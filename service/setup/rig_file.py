@@ -11,7 +11,7 @@ from typing import Any
 from service.errors import InputError
 from service.files.rig import checked_rig
 from service.setup.answers import Answers
-from service.setup.toml_text import value_text
+from service.toml_text import DIGITS, value_text
 from twin.errors import ParameterError
 from twin.generic_structure import SPREADS, KnownGears, gear_tables, generic_structure
 from twin.quantiles import Z95
@@ -74,12 +74,9 @@ def draft_of(answers: Answers) -> RigDraft:
     given |= _operating(answers) | _sensors(answers)
     values, origin = dict(given), dict.fromkeys(given, "given")
     values["gears.age"], origin["gears.age"] = answers.age, "given: when a counter of the revolutions is at 0"
-    origin["sensors.band_hz"] = f"derived: {ABOUT['sensors.band_hz']}"
     reasons = why_no_model(answers)
-    derived: list[str] = []
-    assumed: list[str] = []
     if not reasons:
-        _with_model(answers, values, origin, derived, assumed)
+        _with_model(answers, values, origin)
     else:
         z1, z2 = answers.teeth
         gears: dict[str, Any] = {"gears.pinion.teeth": z1, "gears.gear.teeth": z2}
@@ -87,12 +84,13 @@ def draft_of(answers: Answers) -> RigDraft:
             gears["gears.module"] = answers.module
         values |= gears
         origin |= dict.fromkeys(gears, "given")
-    _limit(answers, values, origin, assumed)
+    _limit(answers, values, origin)
     _check_known(answers.known)
     for key, value in answers.known.items():
         values[key], origin[key] = value, "given"
-        derived, assumed = ([k for k in listed if k != key] for listed in (derived, assumed))
-    values |= _estimated(derived, assumed)
+    values |= _estimated(origin)
+    if "sensors.band_hz" not in answers.known:
+        origin["sensors.band_hz"] = f"derived: {ABOUT['sensors.band_hz']}"
     draft = RigDraft(
         values=values, origin=origin, without_model=reasons, accelerometers=tuple(accelerometer_names(answers))
     )
@@ -145,9 +143,7 @@ def known_gears(answers: Answers) -> KnownGears:
     )
 
 
-def _with_model(
-    answers: Answers, values: dict[str, Any], origin: dict[str, str], derived: list[str], assumed: list[str]
-) -> None:
+def _with_model(answers: Answers, values: dict[str, Any], origin: dict[str, str]) -> None:
     known = known_gears(answers)
     try:
         generic = generic_structure(known)
@@ -158,16 +154,12 @@ def _with_model(
         origin.setdefault(key, "given")
     if answers.module_from:
         origin["gears.module"] = f"derived: {answers.module_from}"
-        derived.append("gears.module")
     for key in ("youngs_modulus", "poisson_ratio", "density"):
         origin[f"gears.{key}"] = f"derived: {answers.material}"
-        derived.append(f"gears.{key}")
     for key, value in generic.derived.items():
         values[key], origin[key] = value, f"derived: {ABOUT[key]}"
-        derived.append(key)
     for key, value in generic.assumed.items():
         values[key], origin[key] = value, f"assumed: {_assumption(key)}"
-        assumed.append(key)
 
 
 def _assumption(key: str) -> str:
@@ -212,13 +204,12 @@ def _band_end(answers: Answers) -> float:
     return wanted if answers.sample_rate is None else min(wanted, 0.4 * answers.sample_rate)
 
 
-def _limit(answers: Answers, values: dict[str, Any], origin: dict[str, str], assumed: list[str]) -> None:
+def _limit(answers: Answers, values: dict[str, Any], origin: dict[str, str]) -> None:
     key = "end_of_life.max_depth"
     if answers.wear_limit is not None:
         values[key], origin[key] = answers.wear_limit, "given"
     elif answers.module is not None:
         values[key], origin[key] = WORN_SHARE * pi * answers.module / 2, f"assumed: {ABOUT[key]}"
-        assumed.append(key)
     else:
         return
     values["end_of_life.criterion"], origin["end_of_life.criterion"] = "max_depth", "given"
@@ -226,8 +217,9 @@ def _limit(answers: Answers, values: dict[str, Any], origin: dict[str, str], ass
         values["end_of_life.horizon_days"], origin["end_of_life.horizon_days"] = answers.life_horizon_days, "given"
 
 
-def _estimated(derived: list[str], assumed: list[str]) -> dict[str, Any]:
-    """The table [estimated]."""
+def _estimated(origin: Mapping[str, str]) -> dict[str, Any]:
+    """The table [estimated]: the keys that are derived or assumed by their origins."""
+    derived, assumed = ([k for k, said in origin.items() if said.startswith(how)] for how in ("derived", "assumed"))
     if not derived and not assumed:
         return {}
     used = {part_of(key) for key in assumed}
@@ -262,7 +254,7 @@ def _table_lines(draft: RigDraft, schema: Mapping[str, Any], path: str) -> list[
         name = f"{path}{key}"
         origin = draft.origin.get(name, "")
         comment = f"  # {origin}" if origin and name not in ("schema", "name") else ""
-        lines.append(f"{key} = {value_text(draft.values[name])}{comment}")
+        lines.append(f"{key} = {value_text(draft.values[name], DIGITS)}{comment}")
     for key, rule in schema.items():
         if isinstance(rule, Mapping):
             lines += _table_lines(draft, rule, f"{path}{key}.")

@@ -15,7 +15,7 @@ from service.results.asset_table import AssetTable
 from service.results.kept_signals import KeptSignals
 from service.results.signal_thinning import KeptWindow
 from service.results.sql_store import SqlStore
-from service.signals.subject import Modelling, Subject
+from service.signals.subject import Modelling, Subject, modelling
 from service.signals.view import View, ViewOptions
 from service.signals.views import VIEWS
 from service.signals.waterfall import Row, Waterfall, row_of, waterfall
@@ -127,8 +127,6 @@ class Library:
         state = self._states.get((asset, version), lambda: self._state(asset))
         if state is None:
             return None
-        from service.signals.modelled import modelling
-
         own = modelling(rig, state, lambda: self._recorded_um(asset, index))
 
         def lines(features: WindowFeatures) -> ModelledLines:

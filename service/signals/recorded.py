@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from service.errors import FrameError, InputError
-from service.files.recorded_rig import choose_asset, rig_of
-from service.files.rig import assembly_for
+from service.files.rig import assembly_for, choose_asset, rig_of
 from service.results.jobs import Job
 from service.runtime.outcomes import Outcome
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import gear_twin
-from service.signals.modelled import modelling
-from service.signals.subject import Subject
+from service.signals.subject import Subject, modelling
 from service.stream.assembly import AssemblySettings
 from service.stream.frames import Frame
-from service.stream.sources.mcap import Recording
+from service.stream.sources.mcap import Recording, windows_of
 from service.stream.window import by_sound_instruments
-from service.stream.windows import Windows
 from service.stream.wire.topics import Channel
 from twin.rig import Rig
 from twin.windows import Window
@@ -57,25 +54,16 @@ def recorded_subject(
     with Recording(path, prefix) as recording:
         asset = choose_asset(recording, asset)
         rig = rig_of(recording, rig_path)
-        assembly = assembly.waiting_for(recording.labels(asset))
-        frames = (frame for frame in recording.frames(_left_out) if frame.channel.asset == asset)
         if modelled:
-            return _assessed(path, frames, rig, asset, index, assembly)
+            frames = (frame for frame in recording.frames(_left_out) if frame.channel.asset == asset)
+            return _assessed(path, frames, rig, asset, index, assembly.waiting_for(recording.labels(asset)))
         last: tuple[int, Window] | None = None
-        for last in enumerate(_windows(frames, rig, assembly)):
+        for last in enumerate(windows_of(recording, assembly_for(rig, assembly), asset)):
             if last[0] == index:
                 break
     if last is None or index not in (-1, last[0]):
         raise _no_window(path, index, 0 if last is None else last[0] + 1)
     return Subject(asset=asset, index=last[0], window=by_sound_instruments(rig, last[1]), rig=rig)
-
-
-def _windows(frames: Iterable[Frame], rig: Rig, assembly: AssemblySettings) -> Iterator[Window]:
-    """The windows of frames, before their instruments are examined."""
-    windows = Windows(assembly_for(rig, assembly))
-    for frame in frames:
-        yield from windows.add(frame)
-    yield from windows.flush()
 
 
 def _assessed(

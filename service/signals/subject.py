@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from service.signals.view import UnknownChannel
-from twin.errors import NotAvailable, TwinError, WindowError
+from twin.errors import NotAvailable, TwinError
 from twin.features.angle import AngleTrack, angle_track
 from twin.features.extract import WindowSignals, extract
 from twin.features.resample import AngleSignal, on_angle
@@ -21,6 +21,7 @@ from twin.rig import Rig
 from twin.windows import Samples, Window
 
 if TYPE_CHECKING:  # views of what is measured need no twin
+    from twin.state import State
     from twin.tracing.modelled_lines import ModelledLines
 
 TRANSMISSION_ERROR = "transmission-error"
@@ -198,4 +199,20 @@ class Subject:
         return (f"the window is {self.window.quality}: {'; '.join(found)}",) if found else ()
 
 
-__all__ = ["TRANSMISSION_ERROR", "Modelling", "Subject", "WindowError"]
+def modelling(rig: Rig, state: State, recorded_um: Callable[[], float | None]) -> Modelling:
+    """How the twin's lines of a window are made, by its present state.
+
+    recorded_um  depth in the window's record [µm], for a window that the twin's history no longer holds
+    """
+    from twin.tracing.modelled_lines import depth_at, modelled_lines  # loads the twin
+
+    def lines(features: WindowFeatures) -> ModelledLines:
+        depth = depth_at(state, features.start_time_ns)
+        if depth is None:
+            micrometres = recorded_um()
+            if micrometres is None:
+                raise NotAvailable("this window has no wear depth")
+            depth = micrometres * MICROMETRE
+        return modelled_lines(rig, state, features, depth)
+
+    return lines

@@ -67,25 +67,9 @@ def spectrum(subject: Subject, options: ViewOptions) -> View:
     samples = subject.samples(label)
     found = amplitude_spectrum(samples.values, samples.rate, SEGMENTS if options.averaged else 1)
     speed, source = subject.speed
-    modelled = subject.modelled_channel(label)
-    lines = subject.modelled
-    own = () if modelled is None or lines is None else _lines(lines.frequencies, modelled, float(found.x[-1]), options)
-    return View(
-        view="spectrum",
-        channel=label,
-        title=f"Spectrum of {label}",
-        x=Axis(label="frequency", unit="Hz", values=found.x),
-        series=(_amplitudes(found, subject.unit(label), options), *_named(own, subject.unit(label))),
-        markers=() if speed is None else markers_of(subject.rig, speed, float(found.x[-1])),
-        notes=(
-            *subject.notes,
-            _scaling(found, "Hz", options),
-            "No shaft speed is known: nothing is marked" if speed is None else f"Marked at {speed:.5g} Hz, {source}",
-            *_about_model(subject, own),
-        ),
-        figures={"rms": found.rms, "resolution": found.resolution, **({} if speed is None else {"speed_hz": speed})},
-        thinned="peaks",
-    )
+    said = "No shaft speed is known: nothing is marked" if speed is None else f"Marked at {speed:.5g} Hz, {source}"
+    figures = {} if speed is None else {"speed_hz": speed}
+    return _of_amplitudes(subject, label, options, found, speed, said, figures)
 
 
 def orders(subject: Subject, options: ViewOptions) -> View:
@@ -93,23 +77,47 @@ def orders(subject: Subject, options: ViewOptions) -> View:
     label = subject.channel(options.channel)
     signal, per_turn = subject.on_angle(label)
     found = order_spectrum(signal, per_turn, SEGMENTS if options.averaged else 1)
-    modelled, lines = subject.modelled_channel(label), subject.modelled
-    own = () if modelled is None or lines is None else _lines(lines.orders, modelled, float(found.x[-1]), options)
     angle = label if label.startswith("encoder/") else subject.track.source
+    said = f"Angle from {angle}, {signal.turns:.1f} pinion turns"
+    return _of_amplitudes(subject, label, options, found, 1.0, said, {"turns": signal.turns}, in_orders=True)
+
+
+def _of_amplitudes(
+    subject: Subject,
+    label: str,
+    options: ViewOptions,
+    found: Spectrum,
+    pinion: float | None,
+    said: str,
+    figures: Mapping[str, float],
+    in_orders: bool = False,
+) -> View:
+    """A spectrum with the modelled lines; `pinion` is where its rotation lies, None where that is not known."""
+    highest, unit = float(found.x[-1]), subject.unit(label)
+    modelled, lines = subject.modelled_channel(label), subject.modelled
+    series = [Series(name="measured", unit=unit, values=_scaled(found.amplitude, options))]
+    if modelled is not None and lines is not None:
+        x, size = lines.orders if in_orders else lines.frequencies, _scaled(np.abs(modelled), options)
+        use = (x <= highest) & (size > LEAST_LINE * size.max())
+        series += [Series(name="modelled", unit=unit, x=x[use], values=size[use], kind="lines")] if use.any() else []
     return View(
-        view="order-spectrum",
+        view="order-spectrum" if in_orders else "spectrum",
         channel=label,
-        title=f"Order spectrum of {label}",
-        x=Axis(label="order of pinion rotation", unit="", values=found.x),
-        series=(_amplitudes(found, subject.unit(label), options), *_named(own, subject.unit(label))),
-        markers=markers_of(subject.rig, 1.0, float(found.x[-1])),
+        title=f"{'Order spectrum' if in_orders else 'Spectrum'} of {label}",
+        x=Axis(
+            label="order of pinion rotation" if in_orders else "frequency",
+            unit="" if in_orders else "Hz",
+            values=found.x,
+        ),
+        series=tuple(series),
+        markers=() if pinion is None else markers_of(subject.rig, pinion, highest),
         notes=(
             *subject.notes,
-            _scaling(found, "orders", options),
-            f"Angle from {angle}, {signal.turns:.1f} pinion turns",
-            *_about_model(subject, own),
+            _scaling(found, "orders" if in_orders else "Hz", options),
+            said,
+            *_about_model(subject, tuple(series[1:])),
         ),
-        figures={"rms": found.rms, "resolution": found.resolution, "turns": signal.turns},
+        figures={"rms": found.rms, "resolution": found.resolution, **figures},
         thinned="peaks",
     )
 
@@ -267,22 +275,8 @@ def _level(values: np.ndarray) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _amplitudes(found: Spectrum, unit: str, options: ViewOptions) -> Series:
-    values = found.amplitude / np.sqrt(2) if options.rms else found.amplitude
-    return Series(name="measured", unit=unit, values=values)
-
-
-def _lines(x: np.ndarray, lines: np.ndarray, highest: float, options: ViewOptions) -> tuple[np.ndarray, ...]:
-    """Places and amplitudes of the modelled lines worth drawing; two of (m,), or nothing."""
-    size = np.abs(lines) / (np.sqrt(2) if options.rms else 1.0)
-    use = (x <= highest) & (size > LEAST_LINE * size.max())
-    return (x[use], size[use]) if use.any() else ()
-
-
-def _named(lines: tuple[np.ndarray, ...], unit: str) -> tuple[Series, ...]:
-    if not lines:
-        return ()
-    return (Series(name="modelled", unit=unit, x=lines[0], values=lines[1], kind="lines"),)
+def _scaled(amplitudes: np.ndarray, options: ViewOptions) -> np.ndarray:
+    return amplitudes / np.sqrt(2) if options.rms else amplitudes
 
 
 def _scaling(found: Spectrum, unit: str, options: ViewOptions) -> str:

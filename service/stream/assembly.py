@@ -15,19 +15,18 @@ out. A clock that has been set is detected, and the asset's windows go on at the
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from service.stream import order
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.clock import Contradictions, said
-from service.stream.faults import totals
 from service.stream.frames import LENGTH_LIMITS, NS, Frame, SampleFrame
 from service.stream.left_out import LeftOut, Missing
-from service.stream.open_window import OpenWindow
-from service.stream.pieces import Piece, size_of, split_index
+from service.stream.pieces import OpenWindow, Piece, size_of, split_index
 from service.stream.position import ChannelPosition, Position, earliest, missing_of
+from service.stream.quality import totals
 from service.stream.repeats import Repeats
 from service.stream.samples import MOST_SAMPLES, Span
 from service.stream.segment import Segment
@@ -82,7 +81,6 @@ class Assembler:
         self._noted: dict[str, Fault] = {}  # faults of the clock since the last window, by channel
         self.repeats = Repeats()
         self._left_out = LeftOut()
-        self.used: Callable[[Frame], object] = lambda frame: None  # called with each frame that is put in order
         self.recorded = False  # whether frames are sent of a recording: one of the past is no clock that was set
         self._times_set = 0  # how often a clock was set
         self._latest = 0  # latest end of a window, before the clock was last set [ns]
@@ -113,7 +111,6 @@ class Assembler:
             self.count(label, "disorder")
         if fate == order.QUEUED:
             self.repeats.queued()
-            self.used(frame)
             if self._left_out.stretches and self._left_out.came(label, frame.sequence, frame.start_time_ns):
                 lane.left_out -= lane.left_out > 0
         elif fate not in (order.CLOCK, order.CONFLICT) and self.repeats.left_out(frame, self._held(lane, frame)):
@@ -317,8 +314,6 @@ class Assembler:
             self.left_out[order.CLOCK] += 1
         elif (fate := self._slow.offer(frame)) != order.QUEUED:
             self.count(label, fate)
-        else:
-            self.used(frame)
 
     def _advance(self, label: str, lane: order.Lane) -> Iterator[Closed]:
         """What a frame put in order completes."""
@@ -382,7 +377,6 @@ class Assembler:
         for each in frames:
             lane = self._lanes[each.channel.label]
             if lane.offer(each)[0] == order.QUEUED:
-                self.used(each)
                 yield from self._advance(each.channel.label, lane)
 
     def _note(self, frame: Frame, action: str, detail: str) -> None:

@@ -24,7 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from service.stream.faults import grade_of
+from service.stream.quality import grade_of
 from twin.features.edge_counts import DEFAULT, CountDrift, EdgeCounts, count_drift, counts_put_right
 from twin.rig import Rig
 from twin.windows import SHAFTS, Edges, Fault, Window

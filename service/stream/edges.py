@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from service.stream.faults import by_share
 from service.stream.frames import NS, EncoderFrame
 from service.stream.pieces import Piece, of_one_rate
+from service.stream.quality import by_share
 from twin.windows import Edges, Fault
 
 _EDGE_SLACK = 0.02  # share of edges that may come out of order by noise; more, and the shaft ran backwards

@@ -6,6 +6,7 @@ samples is allowed here: it is a fault of the data, counted when the window is b
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -102,6 +103,13 @@ class EncoderFrame:
 
 
 Frame = SampleFrame | EncoderFrame
+
+
+def in_channel(frame: Frame, channel: Channel) -> Frame:
+    """A frame, as it came, of another asset's channel."""
+    other = copy(frame)
+    object.__setattr__(other, "channel", channel)
+    return other
 
 
 def _error(channel: Channel, field: str, value: str, rule: str) -> FrameError:

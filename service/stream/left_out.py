@@ -167,10 +167,8 @@ class LeftOut:
             of_cause = [each for each in touching if each.cause == cause]
             frames, new = (sum(x.frames for x in of_cause if not (x.said and unsaid)) for unsaid in (False, True))
             detail = f"{frames} frames left out: {REASONS[cause]}"
-            if of_cause[0].makes_windows:
-                found.append(Fault(kind="shed", channel="", count=max(new, 1), action="refused", detail=detail))
-            else:
-                found.append(Fault(kind="left_out", channel="", count=max(new, 1), action="refused", detail=detail))
+            kind = "shed" if of_cause[0].makes_windows else "left_out"
+            found.append(Fault(kind=kind, channel="", count=max(new, 1), action="refused", detail=detail))
         self.windows += any(fault.kind == "shed" for fault in found)
         for each in touching:
             each.said = True

@@ -1,5 +1,8 @@
 """Data quality of one asset: what was wrong with its frames, by who receives them, and with its windows, by the twin's
 side; together they are the section `data_quality` of the answer.
+
+The `action` of a fault says how it was dealt with: `repaired` (the rest is sound), `degraded` (something essential is
+missing or not to be trusted), `refused` (nothing usable is left), `none` (noted only).
 """
 
 from __future__ import annotations
@@ -10,16 +13,37 @@ from typing import Any
 
 from twin.windows import Fault, Window
 
+_SEVERITY = ("none", "repaired", "degraded", "refused")  # of actions; a window without one that matters is good
+_OF_FRAMES = {"gap", "shed", "left_out", "clock", "conflict"}
+REPAIRABLE = 0.2  # share of a channel that may be missing before its window is degraded
 RECENT = 50  # faults kept in full
+
+
+def grade_of(faults: Iterable[Fault]) -> str:
+    """The grade of a window with these faults: that of the worst."""
+    worst = max((_SEVERITY.index(f.action) for f in faults), default=0)
+    return _SEVERITY[worst] if worst else "good"
+
+
+def by_share(share: float) -> str:
+    """How a fault is dealt with that concerns a share of a channel's values."""
+    return "repaired" if share <= REPAIRABLE else "degraded"
+
+
+def totals(faults: Iterable[Fault]) -> dict[tuple[str, str], int]:
+    """Counts by (channel, kind), but for kinds whose frames are counted one by one."""
+    out: dict[tuple[str, str], int] = {}
+    for fault in faults:
+        if fault.kind not in _OF_FRAMES:
+            out[fault.channel, fault.kind] = out.get((fault.channel, fault.kind), 0) + fault.count
+    return out
 
 
 @dataclass(slots=True)
 class Counts:
     """Windows since the asset was first seen, and their newest faults in full."""
 
-    windows: dict[str, int] = field(
-        default_factory=lambda: dict.fromkeys(("good", "repaired", "degraded", "refused"), 0)
-    )
+    windows: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("good", *_SEVERITY[1:]), 0))
     faults: list[dict[str, Any]] = field(default_factory=list)
     found: dict[str, dict[str, int]] = field(default_factory=dict)  # in the making of windows, by channel and kind
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from service.stream.channels import ChannelKind
-from service.stream.faults import by_share
 from service.stream.frames import NS, SampleFrame
 from service.stream.pieces import Piece, of_one_rate
+from service.stream.quality import by_share
 from twin.compiled.statistics import extremes
 from twin.features.despike import spikes
 from twin.features.end_of_range import RAIL, samples_at_end_of_range

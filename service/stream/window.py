@@ -17,7 +17,7 @@ import numpy as np
 from service.stream.channels import CHANNEL_KINDS, Layout, kind_of
 from service.stream.edge_counts import EncoderCounts
 from service.stream.edges import lay_edges, note_reset
-from service.stream.faults import grade_of, totals
+from service.stream.quality import grade_of, totals
 from service.stream.samples import lay_samples
 from service.stream.segment import Segment
 from twin.features.plausible import torque_contradiction

@@ -38,6 +38,14 @@ class Transport(Protocol):
         """Puts every frame of every asset into the inbox until left."""
         ...
 
+    def publish_made(self, topic: str, payload: bytes) -> None:
+        """Publishes a frame that this service has made, for whoever records; no service takes it in."""
+        ...
+
+    def subscribe_made(self, inbox: Inbox) -> AbstractContextManager[object]:
+        """Puts every frame that services have made into the inbox until left."""
+        ...
+
     def ask_again(self, channel: Channel, seconds: float, done: Callable[[], None]) -> None:
         """Has publishers send the frames of a channel that they still hold into the inbox; does not wait for them.
 

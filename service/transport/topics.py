@@ -26,6 +26,18 @@ def asset_of_position_topic(topic: str, prefix: str) -> str | None:
     return asset if NAME.fullmatch(asset) and topic == position_topic(asset, prefix) else None
 
 
+def made_topic(topic: str, prefix: str) -> str:
+    """Where a service publishes a frame of a topic that it has made itself, of a slow value."""
+    asset, _, channel = topic.removeprefix(f"{prefix}/").partition("/")
+    return f"{prefix}/{asset}/twin/made/{channel}"
+
+
+def topic_of_made(topic: str, prefix: str) -> str:
+    """The topic of a frame that a service has made."""
+    asset, _, channel = topic.removeprefix(f"{prefix}/").partition("/twin/made/")
+    return f"{prefix}/{asset}/{channel}"
+
+
 def alive_topic(asset: str, prefix: str) -> str:
     """Where a service shows that it serves the asset."""
     return f"{prefix}/{asset}/twin/alive"

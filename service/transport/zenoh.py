@@ -6,6 +6,7 @@
 - `{prefix}/{asset}/twin/alarms` is the same for the open alarms.
 - `{prefix}/{asset}/twin/position` says how far an asset's stream is stored, at each change and as an answer to `get`.
 - `{prefix}/{asset}/twin/alive` is a liveliness token, held while the service runs.
+- `{prefix}/{asset}/twin/made/{kind}/{name}` carries frames that the service has made of slow values, for who records.
 - `{prefix}/{asset}/rig` may carry the machine's rig file (`application/toml`), published or answering `get`.
 """
 
@@ -32,9 +33,11 @@ from service.transport.topics import (
     alive_topic,
     asset_of_position_topic,
     asset_of_rig_topic,
+    made_topic,
     position_topic,
     rig_topic,
     state_topic,
+    topic_of_made,
 )
 from service.transport.zenoh_links import NONE, ZenohLinks
 from service.transport.zenoh_session import open_session
@@ -49,6 +52,7 @@ TOML = "application/toml"
 SENDING = "sending"  # parameter of a question of position: the session that goes on sending after the answer
 _HISTORY = 4096  # frames a key that a late subscriber asks a publisher's cache for
 _HEARTBEAT = 0.5  # [s]
+CLOSED = (zenoh.ZError, RuntimeError)  # what a session raises that is closed, and one that another thread closes now
 COME_BACK = 5.0  # how long publishers may take to find the router again: Zenoh tries every 4 s by default [s]
 
 
@@ -127,6 +131,23 @@ class ZenohTransport:
                 stack.callback(listener.undeclare)
             stack.callback(inbox.close)
             yield self
+
+    def publish_made(self, topic: str, payload: bytes) -> None:
+        """Publishes a frame that the service has made."""
+        self._session.put(made_topic(topic, self._prefix), payload)
+
+    @contextmanager
+    def subscribe_made(self, inbox: Inbox) -> Iterator[None]:
+        """Puts what services have made into the inbox until left."""
+
+        def received(sample: zenoh.Sample) -> None:
+            inbox.guarded(lambda: topic_of_made(str(sample.key_expr), self._prefix), sample.payload.to_bytes)
+
+        subscriber = self._session.declare_subscriber(made_topic(f"{self._prefix}/*/*/*", self._prefix), received)
+        try:
+            yield
+        finally:
+            subscriber.undeclare()
 
     def ask_again(self, channel: Channel, seconds: float, done: Callable[[], None]) -> None:
         """Asks the caches of a key's publishers, as a subscriber does that joins."""
@@ -243,7 +264,7 @@ class ZenohTransport:
         try:
             if self._linked():
                 return None
-        except zenoh.ZError:
+        except CLOSED:
             return "the connection has been closed"
         return f"the link to the router at {', '.join(self._connect)} is lost; it is tried again all the time"
 
@@ -253,7 +274,7 @@ class ZenohTransport:
             return False
         try:
             return not self._linked() or time.monotonic() - self._changed < COME_BACK
-        except zenoh.ZError:
+        except CLOSED:
             return True
 
     def _linked(self) -> bool:

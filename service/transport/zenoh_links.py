@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.errors import InputError
+from service.file_faults import reading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,8 +62,5 @@ NONE = ZenohLinks()
 def _readable(setting: str, path: Path | None) -> str | None:
     if path is None:
         return None
-    try:
-        with path.open("rb"):
-            return str(path)
-    except OSError as error:
-        raise InputError(f"{setting} = {path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
+    with reading(f"{setting} = {path}"), path.open("rb"):
+        return str(path)

@@ -23,6 +23,8 @@ _WAIT_BEFORE_CLOSE_US = (
 
 
 _ANSWERS = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
+_ASKS = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+WITHIN = "unixsock-stream"  # the protocol over which the service's own processes connect
 
 
 def session_config(
@@ -54,6 +56,10 @@ def session_config(
         config.insert_json5("listen/endpoints", json.dumps(list(listen)))
         if alone is not None and links.config is None:
             config.insert_json5("access_control", json.dumps(_refusing_answers(alone)))
+        if links.config is not None and any(endpoint.startswith(WITHIN) for endpoint in listen):
+            config.insert_json5(
+                "access_control", json.dumps(_knowing_own(json.loads(config.get_json("access_control"))))
+            )
     for key, value in links.options(router=not connect).items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -68,6 +74,19 @@ def _refusing_answers(keys: str) -> dict[str, Any]:
         "rules": [rule],
         "subjects": [{"id": "all"}],
         "policies": [{"rules": ["answers"], "subjects": ["all"]}],
+    }
+
+
+def _knowing_own(control: dict[str, Any]) -> dict[str, Any]:
+    """Access control that lets the service's own processes hear everything, too."""
+    name = "the service's own processes"
+    given = {part: control.get(part) or [] for part in ("rules", "subjects", "policies")}
+    hears: dict[str, Any] = {"id": name, "permission": "allow", "flows": ["ingress", "egress"], "key_exprs": ["**"]}
+    hears["messages"] = [*_ANSWERS, *_ASKS]
+    return control | {
+        "rules": [*given["rules"], hears],
+        "subjects": [*given["subjects"], {"id": name, "link_protocols": [WITHIN]}],
+        "policies": [*given["policies"], {"rules": [name], "subjects": [name]}],
     }
 
 

@@ -1,9 +1,10 @@
 """Kills in a fleet at moments drawn from a seed: no acknowledged window is lost, and none is counted twice.
 
-One fleet of many assets goes through all schedules. In each, every asset sends some windows more while workers, nodes,
-the head of the engine, the database's server and the router are killed, or a worker is suspended until its partition
-has been given to another and then let go on; half of the publishers are killed as well, and begin again. In the end
-every asset's windows are those of a plain loop over all frames, bit for bit.
+One fleet of many assets goes through all schedules. In each, every asset sends some windows more while processes that
+receive or compute, hosts, nodes, the head of the engine, the database's server and the router are killed, or a process
+that receives is suspended until its partition has been taken by another and then let go on; half of the publishers are
+killed as well, and begin again. In the end every asset's windows are those of a plain loop over all frames, bit for
+bit.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Any
 
 import fake_twin
 import numpy as np
+import psutil
 import sqlalchemy as sa
 from fleet_up import FleetProcess
 from postgresql_server import PostgresqlServer
@@ -34,6 +36,7 @@ from service.fleet.databases import engine_of, front_tables
 from service.fleet.layout import Layout, partition_of
 from service.json_text import plain
 from service.results.database import Database
+from service.results.roles import Roles
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
 from service.runtime.pipeline import Pipeline
@@ -42,7 +45,7 @@ from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
 from service.stream.wire.codec import encode
 
-KINDS = ("worker", "node", "head", "database", "router", "suspended")
+KINDS = ("ingest", "work", "host", "node", "head", "database", "router", "suspended")
 BEGIN_NS = 1_700_000_000 * NS
 SETTLED_WITHIN = 180.0  # a schedule's windows [s]
 SILENCE = 5.0  # that ends a window: longer than a publisher that was killed takes to go on, on crowded cores [s]
@@ -114,14 +117,15 @@ class Plant:
         self.url, self.layout = url, Layout(partitions)
         self._router: subprocess.Popen | None = None
         os.environ["FAKE_TWIN_SECONDS"] = str(slow)
-        self.nodes, self._count = RayNodes(folder / "ray", room=partitions), nodes
+        self.nodes, self._count = RayNodes(folder / "ray"), nodes
         os.environ.update(self.nodes.environment)
         self.fleet = FleetProcess(
-            folder / "fleet", url, CONNECT=f'["{self.endpoint}"]', FLEET_PARTITIONS=str(partitions),
-            FLEET_ADDRESS=self.nodes.address, IDLE_TIMEOUT=str(SILENCE),
+            folder / "fleet", url, "worker_twins", WORKERS="2", CONNECT=f'["{self.endpoint}"]',
+            FLEET_PARTITIONS=str(partitions), FLEET_ADDRESS=self.nodes.address, IDLE_TIMEOUT=str(SILENCE),
         )  # fmt: skip
         self.tables = engine_of(url, poolclass=sa.NullPool)
         self.database = Database(front_tables(url, self.layout))
+        self.roles = Roles(self.database)
 
     def __enter__(self) -> Plant:
         self.route()
@@ -147,7 +151,7 @@ class Plant:
             self.nodes.add(name)
 
     def census(self) -> Census:
-        return census(self.database)
+        return census(self.roles)
 
     def route(self) -> None:
         code = (
@@ -166,9 +170,9 @@ class Plant:
         self._router.wait()
         self._router.stdout.close()
 
-    def worker(self, partition: int) -> int:
-        """The process that has a partition."""
-        return int((self.census().partitions[partition]["worker"] or ":0").rpartition(":")[2])
+    def ingest(self, partition: int) -> psutil.Process:
+        """The process that receives the frames of a partition."""
+        return psutil.Process(int((self.census().partitions[partition]["worker"] or ":0").rpartition(":")[2]))
 
 
 def attack(
@@ -218,7 +222,7 @@ def _schedule(
             before = [row["token"] for row in plant.census().partitions]
             FAULTS[kind](draw, plant, stack)
             outcome.done[kind] = outcome.done.get(kind, 0) + 1
-            if kind in ("worker", "node", "head"):
+            if kind in ("ingest", "host", "node", "head"):
                 _await_recovery(plant, before, kind)
                 outcome.recovery.setdefault(kind, []).append(round(time.monotonic() - begun, 1))
         for publisher in publishers.values():
@@ -282,12 +286,20 @@ class _Publisher:
         print(file=self._process.stdin, flush=True)
 
 
+def _records(store: SqlStore, name: str) -> list[dict[str, Any]]:
+    """The records of an asset's windows, without the process that has made each."""
+    return [
+        {key: value for key, value in plain(window.record).items() if key != "pid"}
+        for window in store.windows(name, limit=10_000)
+    ]
+
+
 def _differing(store: SqlStore, loop: _Loop, names: list[str], layout: Layout) -> dict[str, dict[str, Any]]:
     """What is known of the assets whose windows are not as many as those of the plain loop: for the message."""
     waiting, found = WindowJobs(store.database).all_waiting(), {}
     for name in names:
         stored, expected = store.asset(name), loop.records[name]
-        records = [plain(w.record) for w in store.windows(name, limit=10_000)]
+        records = _records(store, name)
         if len(records) == len(expected):
             continue
         begun = {record["start_time"] for record in expected}
@@ -318,7 +330,7 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
             time.sleep(0.2)
         assert found == total, f"{found} windows in place of {total}: {_differing(store, loop, names, plant.layout)}"
         for name in names:
-            records = [plain(w.record) for w in store.windows(name, limit=10_000)]
+            records = _records(store, name)
             assert records == loop.records[name], f"{name} is not as by the plain loop"
             state = store.asset(name)
             assert state.question is None, f"{name}: people are asked {state.question}"
@@ -329,9 +341,25 @@ def _compare(plant: Plant, loop: _Loop, names: list[str], outcome: Outcome, tota
 # -- faults --------------------------------------------------------------------------------------------
 
 
-def _kill_worker(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
-    with suppress(ProcessLookupError):
-        os.kill(plant.worker(draw.randrange(plant.partitions)), signal.SIGKILL)
+def _kill_ingest(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    with suppress(psutil.Error):
+        plant.ingest(draw.randrange(plant.partitions)).kill()
+
+
+def _kill_work(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    """A process that computes, or the one that has forked it."""
+    with suppress(psutil.Error):
+        host = plant.ingest(draw.randrange(plant.partitions)).parent()
+        every = [] if host is None else host.children(recursive=True)
+        draw.choice(sorted((p for p in every if p.name() == "work"), key=lambda p: p.pid)).kill()
+
+
+def _kill_host(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
+    """The supervisor of a host, with which all of it ends."""
+    with suppress(psutil.Error):
+        host = plant.ingest(draw.randrange(plant.partitions)).parent()
+        if host is not None:
+            host.kill()
 
 
 def _kill_node(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
@@ -371,29 +399,31 @@ def _kill_router(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
 
 
 def _suspend(draw: random.Random, plant: Plant, stack: ExitStack) -> None:
-    """A worker that is suspended while somebody else takes its partition, and then goes on."""
+    """A process that is suspended while somebody else takes its partition, and then goes on."""
     partition = draw.randrange(plant.partitions)
-    process = plant.worker(partition)
-    with suppress(ProcessLookupError):
-        os.kill(process, signal.SIGSTOP)
-    with _taken(plant, partition):
-        time.sleep(draw.uniform(0.0, 2.0))
-        with suppress(ProcessLookupError):
-            os.kill(process, signal.SIGCONT)
-        time.sleep(1.0)
+    with suppress(psutil.Error):
+        process = plant.ingest(partition)
+        process.suspend()
+        with _taken(plant, partition):
+            time.sleep(draw.uniform(0.0, 2.0))
+            with suppress(psutil.Error):
+                process.resume()
+            time.sleep(1.0)
     wait_until(lambda: not plant.census().not_served, SETTLED_WITHIN)
 
 
 @contextmanager
 def _taken(plant: Plant, partition: int) -> Iterator[None]:
-    """Another worker serves a partition for a while."""
+    """Another process serves a partition for a while."""
     from fleet_partition import PartitionProcess
 
     settings = plant.fleet.given
     other = PartitionProcess(
         plant.folder / f"other-{time.monotonic_ns()}", plant.url, plant.endpoint, partition=partition,
         partitions=plant.partitions, **{k: v for k, v in settings.items() if k not in ("CONNECT", "DATABASE")},
-    ).start()  # fmt: skip
+    )  # fmt: skip
+    with suppress(AssertionError):  # a supervisor that had started another one meanwhile has it
+        other.start()
     try:
         yield
     finally:
@@ -401,7 +431,9 @@ def _taken(plant: Plant, partition: int) -> Iterator[None]:
 
 
 FAULTS: dict[str, Callable[[random.Random, Plant, ExitStack], None]] = {
-    "worker": _kill_worker,
+    "ingest": _kill_ingest,
+    "work": _kill_work,
+    "host": _kill_host,
     "node": _kill_node,
     "head": _kill_head,
     "database": _kill_database,

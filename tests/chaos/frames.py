@@ -48,7 +48,7 @@ EXTREME_FLOATS = (
 )  # fmt: skip
 LARGEST = 4 * 2**20  # payloads that are blown up [bytes]
 AMONG = 50  # malformed frames between two of a sound burst, at most
-QUIET, LONGEST = 15.0, 300.0  # without a further window; until all are there [s]
+QUIET, LONGEST = 15.0, 300.0  # without anything taken or computed; until all windows are there [s]
 NAMES = string.ascii_letters + string.digits + "_-."
 
 Field = tuple[int, int, bytes]  # number, wire type, content without length
@@ -302,7 +302,7 @@ class Attack:
                         break
                     if malformed and sent % 50_000 == 0:
                         say(f"{sent} malformed frames, {peak.now():.0f} MB")
-                windows = _settled_windows(address, self.WINDOWS if ask else None, failure)
+                windows = _settled_windows(network, address, self.WINDOWS if ask else None, failure)
                 after, seconds = peak.now(), time.monotonic() - begun
                 shown = _get(address, "/v1/assets")
                 metrics = len(_text(address, "/metrics"))
@@ -338,7 +338,7 @@ class Attack:
         with _service(self.folder / "undisturbed", failure, ask=False) as (network, address):
             for topic, payload in self.steady:
                 network.inbox.offer(topic, payload)
-            return _settled_windows(address, self.WINDOWS, failure)
+            return _settled_windows(network, address, self.WINDOWS, failure)
 
 
 class _Peak(threading.Thread):
@@ -408,17 +408,19 @@ def _service(data: Path, failure: list[str], ask: bool) -> Iterator[tuple[Memory
             failure.append("the service did not end within 30 s")
 
 
-def _settled_windows(address: str, count: int | None, failure: list[str]) -> list[dict[str, Any]]:
-    """The sound machine's windows: as soon as there are so many, or, without a number, once no more come."""
+def _settled_windows(
+    network: MemoryNetwork, address: str, count: int | None, failure: list[str]
+) -> list[dict[str, Any]]:
+    """The sound machine's windows: as soon as there are so many, or, without a number, once nothing more is done."""
     begun = changed = time.monotonic()
-    windows = list[dict[str, Any]]()
+    windows, before = list[dict[str, Any]](), None
     while not failure:
         with suppress(urllib.error.HTTPError):
-            found = _get(address, "/v1/assets/sound/windows?limit=1000")
-            if len(found) != len(windows):
-                changed = time.monotonic()
-            windows = found
+            windows = _get(address, "/v1/assets/sound/windows?limit=1000")
         now = time.monotonic()
+        done = len(windows), sum(row["windows"] for row in _get(address, "/v1/assets")), network.inbox.depth
+        if done != before:
+            before, changed = done, now
         if len(windows) == count or (count is None and now - changed > QUIET and now - begun > 2 * QUIET):
             break
         if now - begun > LONGEST:

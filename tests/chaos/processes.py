@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -28,12 +28,11 @@ def children_of(pid: int) -> list[psutil.Process]:
         return []
 
 
-def is_tracker(process: psutil.Process) -> bool:
-    """Whether a process is that which tracks semaphores for Python, or is over."""
-    try:
-        return any("resource_tracker" in part for part in process.cmdline())
-    except psutil.NoSuchProcess:  # a zombie too
-        return True
+def does(process: psutil.Process, role: str) -> bool:
+    """Whether a process does a role of a service, or was forked by the one that does."""
+    with suppress(psutil.Error):
+        return process.name() == role
+    return False
 
 
 def ended(process: psutil.Process, seconds: float) -> bool:

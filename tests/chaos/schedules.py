@@ -38,7 +38,7 @@ from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_write import RecordingWriter
 from tests.chaos.comparison import disturbed, expected_windows, same
 from tests.chaos.faults import FAULTS, SQLITE_ALONE, KeptServer
-from tests.chaos.processes import children_of, ended, is_tracker, own_disk
+from tests.chaos.processes import children_of, does, ended, own_disk
 
 WINDOWS = 8
 SPAN = 60.0 * WINDOWS  # of the recording [s]
@@ -385,9 +385,9 @@ class Run:
         self._start_router()
 
     def workers(self) -> list[psutil.Process]:
-        """The workers and who makes them; not the tracker of semaphores, whose end Python itself complains of."""
+        """The workers and who makes them."""
         assert self.service.process is not None
-        return [child for child in children_of(self.service.process.pid) if not is_tracker(child)]
+        return [child for child in children_of(self.service.process.pid) if does(child, "work")]
 
     def _worker_kill(self, fault: Fault) -> None:
         for worker in self.workers():

@@ -17,7 +17,7 @@ CAMPAIGN = Path(__file__).parents[2] / "recordings" / "short-campaign.mcap"
 A_STEP = f"""
 import sys
 from pathlib import Path
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from twin.step import State, step
 loaded = [name for name in ("scipy.stats", "scipy.signal") if name in sys.modules]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.stream.sources.mcap import Recording, read_windows
 from tests.effects_cases import INSTANCES
 from twin.assessment import LevelReading, Unavailable

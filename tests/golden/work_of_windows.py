@@ -21,7 +21,7 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.stream.sources import mcap
 from twin.compiled import CompiledBalance
 from twin.options import Options

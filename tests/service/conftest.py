@@ -20,7 +20,6 @@ from postgresql_server import PostgresqlServer
 from postgresql_server import programs as postgresql_server_programs
 from service_streams import Service
 
-from service import api
 from service.api import create_app
 from service.api.limits import Limits
 from service.results import database, migrate
@@ -174,12 +173,8 @@ def each_store(where):
 
 
 @pytest.fixture
-def board(request, store, monkeypatch):
-    """A board of one service; that of a front end in modules that say OVER_FLEET."""
-    if getattr(request.module, "OVER_FLEET", False):
-        from service.fleet.front import FrontAudit
-
-        monkeypatch.setattr(api, "AuditLog", FrontAudit)
+def board(store):
+    """A board over the store."""
     shown = fakes.WrittenTable(store)
     yield shown
     shown.close()

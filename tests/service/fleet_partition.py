@@ -47,19 +47,27 @@ class PartitionProcess:
 
 
 if __name__ == "__main__":
-    from service.fleet.partition import serve_partition
+    from service.fleet.partition import PartitionRoles
+    from service.results.roles import INGEST
     from service.runtime import pump
+    from service.runtime.role_process import Context, Others
     from service.settings import Settings
 
     pump.JOINED = fake_twin.JOINED
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
-    serve_partition(
-        Settings(),
-        int(os.environ["PARTITION"]),
-        Layout(int(os.environ["PARTITIONS"])),
-        stop,
-        twin=fake_twin.TWIN,
-        at_work=lambda late: print("at work", flush=True),
+
+    class AtWork(Context):
+        begun = False
+
+        def say(self, what):
+            if what.begun and not self.begun:
+                self.begun = True
+                print("at work", flush=True)
+
+    layout = Layout(int(os.environ["PARTITIONS"]))
+    roles = PartitionRoles(
+        settings=Settings(), partition=int(os.environ["PARTITION"]), layout=layout, twin=fake_twin.TWIN
     )
+    roles.ingest(AtWork(INGEST, stop, Others()))
     os._exit(0)

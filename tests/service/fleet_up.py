@@ -11,7 +11,7 @@ from pathlib import Path
 from service_streams import ROOT, wait_until
 
 HERE = Path(__file__).parent
-FAKE = "fake_twin:TWIN"
+FAKE = "fake_twin"
 
 
 class FleetProcess:
@@ -46,6 +46,8 @@ class FleetProcess:
 
 
 if __name__ == "__main__":
+    from importlib import import_module
+
     from service.fleet.up import prepared, up
     from service.logs import logging_by
     from service.settings import Settings
@@ -55,7 +57,7 @@ if __name__ == "__main__":
         up(
             settings,
             prepared(settings),
-            twin_from=(sys.argv[1:] or [FAKE])[0] or None,
+            twin=import_module(sys.argv[1]).TWIN if sys.argv[1] else None,
             announce=lambda line: print(line, flush=True),
         )
     os._exit(0)

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from fleet_partition import PartitionProcess
 from service_streams import free_port
 
-from service.fleet.databases import engine_of, front_tables, worker_tables
+from service.fleet.databases import engine_of, front_tables, partition_tables
 from service.fleet.fence import Fence
 from service.fleet.front import serve_front
 from service.fleet.layout import Layout, partition_of
@@ -25,8 +25,8 @@ PARTITIONS = 3
 
 
 def taken(database, partition=0, **given):
-    """The store of a worker that has taken a partition."""
-    return SqlStore(worker_tables(database, Fence(partition=partition, **given), Layout(PARTITIONS)), claimed=True)
+    """The store of whoever has taken a partition."""
+    return SqlStore(partition_tables(database, Fence(partition=partition, **given), Layout(PARTITIONS)), claimed=True)
 
 
 def at_front(database):

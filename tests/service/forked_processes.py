@@ -76,8 +76,16 @@ class ForkedProcess:
         return self.returncode
 
     def send_signal(self, number: int) -> None:
+        """Sends a signal; what suspends or goes on is for all that the process has started, too."""
         if self.poll() is None:
-            os.kill(self.pid, number)
+            for process in self.all if number in (signal.SIGSTOP, signal.SIGCONT) else [self.pid]:
+                with suppress(ProcessLookupError):
+                    os.kill(process, number)
+
+    @property
+    def all(self) -> list[int]:
+        """The process, and all that it has started."""
+        return [self.pid, *started_by(self.pid)]
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
@@ -90,6 +98,35 @@ class ForkedProcess:
                 self.returncode = os.waitstatus_to_exitcode(status)
                 os.close(self._ends)
             return self.returncode is not None
+
+
+def started_by(process: int) -> list[int]:
+    """The processes that a process has started, and those that they have."""
+    found = []
+    for task in Path(f"/proc/{process}/task").glob("*/children"):
+        with suppress(OSError):  # a thread that has ended meanwhile
+            for child in map(int, task.read_text().split()):
+                found += [child, *started_by(child)]
+    return found
+
+
+def is_alive(process: int) -> bool:
+    """Whether a process runs, or is suspended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def role_of(process: int, role: str) -> int | None:
+    """The process that does a role of a service; None where none does."""
+    for child in started_by(process):
+        with suppress(OSError):
+            path = Path(f"/proc/{child}")
+            state, parent = (path / "stat").read_text().rpartition(")")[2].split()[:2]
+            if (path / "comm").read_text().strip() == role and int(parent) == process and state != "Z":
+                return child
+    return None
 
 
 def connection() -> socket.socket:

@@ -10,6 +10,7 @@ from service.alarms.keeper import AlarmKeeper
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.baseline_store import BaselineStore
+from service.results.jobs import Jobs
 from service.results.names import Names
 from service.results.window_jobs import WindowJobs
 from service.runtime.backlogs import Backlogs
@@ -17,36 +18,12 @@ from service.runtime.outcomes import ClosedWindow
 from service.runtime.reception import Reception
 from service.runtime.spool import BacklogLimits, Spool
 from service.runtime.storage_watch import StorageWatch
-from service.runtime.turns import Turns
 from service.runtime.work import Work
+from service.runtime.work_loop import WorkLoop
 from service.stream.assembly import Assembler
 from twin.rig import Rig
 
 ROOMY = BacklogLimits(windows=100, bytes=10**9, total_windows=1000, total_bytes=10**9, memory_bytes=10**9)
-
-
-class Later:
-    """Turns that are carried out when the test says so."""
-
-    def __init__(self, work):
-        self.work, self.turns = work, []
-
-    def start(self, turn, done):
-        self.turns.append((turn, done))
-
-    def carry_out(self, most=1000):
-        """Carries out what waits, and what that leads to."""
-        while self.turns and most:
-            turn, done = self.turns.pop(0)
-            done(self.work.turn(turn))
-            most -= 1
-
-
-class AtOnce(Later):
-    """Turns that are carried out by whoever asks for them."""
-
-    def start(self, turn, done):
-        done(self.work.turn(turn))
 
 
 def work_of(store, folder, twin=fake_twin.TWIN, table=None, alarms=None, signals=None):
@@ -59,26 +36,28 @@ def work_of(store, folder, twin=fake_twin.TWIN, table=None, alarms=None, signals
     )  # fmt: skip
 
 
-def loop_of(store, folder, twin=fake_twin.TWIN, computing_of=Later, **limits):
-    """All of the loop, by name; `add` takes a segment to be a window of an asset, `done` has what was carried out."""
+def loop_of(store, folder, twin=fake_twin.TWIN, **limits):
+    """All of the loop, by name; `add` takes a segment to be a window of an asset, `carry_out` does what waits."""
     clock = [0.0]
     alarms = AlarmKeeper(AlarmStore(store.database))
     table = AssetTable(store, alarms)
     windows, storage, done = WindowJobs(store.database, folder / "segments"), StorageWatch("data", lambda: clock[0]), []
     reception = Reception(lambda asset: Rig.from_mapping({}), lambda closed: spool.add(closed))
     backlogs = Backlogs(windows)
-
-    def carried_out(turned):
-        done.append(turned)
-        backlogs.changed()
-
-    computing = computing_of(work_of(store, folder, twin, table, alarms))
-    turns = Turns(computing, storage, carried_out)
+    work = work_of(store, folder, twin, table, alarms)
+    loop = WorkLoop(work, Jobs(store.database), store.database.at_work(), "here")
     given = BacklogLimits(**{name: limits.get(name, getattr(ROOMY, name)) for name in BacklogLimits.__slots__})
-    spool = Spool(
-        windows, store, reception, backlogs, storage, given, settled=lambda asset: turns.wake(asset),
-        at_work=turns.at_work,
-    )  # fmt: skip
+    spool = Spool(windows, store, reception, backlogs, storage, given, settled=lambda asset: None)
+
+    def carry_out(most=1000):
+        """Carries out what waits, and what that leads to."""
+        turn, work.turn = work.turn, lambda asset, **given: done.append(turn(asset, **given)) or done[-1]
+        try:
+            while most and loop.turn():
+                most -= 1
+        finally:
+            work.turn = turn
+            backlogs.changed()
 
     def add(asset, segment):
         spool.add(ClosedWindow(asset=asset, segment=segment, assembly=Assembler().to_dict()))

@@ -17,7 +17,7 @@ class MemoryNetwork:
         self.reachable = reachable
         self.inbox = self.source = self.on_rig = None
         self.published, self.announced, self.rigs = [], set(), {}
-        self.alarms, self.positions = [], []
+        self.alarms, self.positions, self.made = [], [], []
         self.subscribed = threading.Event()
 
     @contextmanager
@@ -41,6 +41,13 @@ class MemoryNetwork:
         finally:
             self.subscribed.clear()
             inbox.close()
+
+    def publish_made(self, topic, payload):
+        self.made.append((topic, payload))
+
+    @contextmanager
+    def subscribe_made(self, inbox):
+        yield
 
     def ask_again(self, channel, seconds, done):
         done()

@@ -64,10 +64,11 @@ def takes_frames(database: str) -> bool:
     from service.fleet.census import partitions
     from service.fleet.databases import front_tables
     from service.fleet.layout import Layout
+    from service.results.roles import Roles
     from service.results.sql_store import SqlStore
 
     with SqlStore(front_tables(database, Layout(1))) as store:
-        (found,) = partitions(store.database)
+        (found,) = partitions(Roles(store.database))
     return found.served and found.not_ready is None
 
 
@@ -84,7 +85,7 @@ def serve(twin: Any, joined: float) -> NoReturn:
     pump.JOINED = joined
     if not os.environ.get(INSTEAD):
         leave(run(Settings(), twin=twin))
-    from service.fleet.up import until_told
+    from service.termination import until_told
 
     with until_told() as stop:
         leave(served_as_a_fleet(Settings(), twin=twin, stop=stop))
@@ -96,11 +97,19 @@ def served_as_a_fleet(
     """`gear-twin fleet up` without its engine, until `stop` is set; the exit status. Arguments as `serve.run` has."""
     from service.fleet.front import serve_front
     from service.fleet.layout import Layout
-    from service.fleet.partition import serve_partition
+    from service.fleet.partition import PartitionRoles
+    from service.results.roles import INGEST
+    from service.runtime.role_process import Context, Others
     from service.transport.zenoh_session import open_session
 
     failed: list[BaseException] = []
     at_work = threading.Event()
+
+    class AtWork(Context):
+        def say(self, what: Any) -> None:
+            if what.begun:
+                at_work.set()
+
     with ExitStack() as stack:
         if open_transport is None and not settings.connect:
             stack.enter_context(open_session(settings.listen, links=settings.zenoh_links))
@@ -108,15 +117,8 @@ def served_as_a_fleet(
 
         def work() -> None:
             try:
-                serve_partition(
-                    settings,
-                    0,
-                    Layout(1),
-                    stop,
-                    twin=twin,
-                    open_transport=open_transport,
-                    at_work=lambda late: at_work.set(),
-                )
+                roles = PartitionRoles(settings=settings, partition=0, layout=Layout(1), twin=twin)
+                roles.ingest(AtWork(INGEST, stop, Others()), open_transport=open_transport)
             except BaseException as error:
                 failed.append(error)
             finally:

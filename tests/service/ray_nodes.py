@@ -24,11 +24,11 @@ HEALTH = {  # a node that is gone is known after 5 s, as in docker/compose.fleet
 
 
 class RayNodes:
-    """A head without room for partitions, and nodes by name; `environment` is what joins them."""
+    """A head that is no host, and nodes by name; `environment` is what joins them."""
 
-    def __init__(self, folder: Path, room: int, cores: int = 1) -> None:
+    def __init__(self, folder: Path, cores: int = 1) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.folder, self.room, self.cores = folder, room, cores
+        self.folder, self.cores = folder, cores
         self.port = free_port()
         self.address = f"127.0.0.1:{self.port}"
         self.environment = HEALTH | {
@@ -50,11 +50,11 @@ class RayNodes:
     def start_head(self) -> None:
         """Starts the head, anew where it was killed."""
         given = ["--head", f"--port={self.port}", "--include-dashboard=false", f"--temp-dir={self._temporary.name}"]
-        self._start("head", given, room=0, cores=0)
+        self._start("head", given, hosts=0, cores=0)
 
     def add(self, name: str) -> None:
         """Starts a node."""
-        self._start(name, [f"--address={self.address}"], self.room, self.cores)
+        self._start(name, [f"--address={self.address}"], 1, self.cores)
 
     def stop(self, name: str) -> None:
         """Ends a node in good order, as where its machine is shut down."""
@@ -74,12 +74,12 @@ class RayNodes:
             psutil.wait_procs(all_of_it[1:], STARTED_WITHIN)
         process.wait()
 
-    def _start(self, name: str, given: list[str], room: int, cores: int) -> None:
+    def _start(self, name: str, given: list[str], hosts: int, cores: int) -> None:
         said = self.folder / f"ray-{name}.log"
         command = [
             sys.executable, "-m", "ray.scripts.scripts", "start", *given, "--block", "--node-ip-address=127.0.0.1",
             f"--node-name={name}", f"--num-cpus={cores}",
-            f"--resources={json.dumps({'partition': room} if room else {})}",
+            f"--resources={json.dumps({'host': hosts} if hosts else {})}",
             "--object-store-memory=83886080", "--include-log-monitor=false", "--disable-usage-stats",
         ]  # fmt: skip
         with said.open("wb") as out:

@@ -57,7 +57,7 @@ def made(segment, rig=None):
 
 def keep(signals, asset, number, window, **about):
     """Keeps the frames of a window that has been committed; `about` are columns of its row."""
-    folder = signals._folder(asset)
+    folder = signals._folder
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{secrets.token_hex(8)}.mcap"
     row = {"segment": file.name, "segment_bytes": write_segment(file, segment_of(window)), **about}
@@ -68,4 +68,4 @@ def keep(signals, asset, number, window, **about):
 
 def in_folder(store, folder, limit=2**30):
     """The kept signals of a database whose segments are all in one folder."""
-    return KeptSignals(store.database, lambda asset: folder, limit)
+    return KeptSignals(store.database, folder, limit)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import shutil
 import weakref
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,8 +25,10 @@ from service.results.data_folder import BASELINES, SEGMENTS
 from service.results.jobs import DECISION, INSPECTION, Job, Jobs
 from service.results.names import Names
 from service.results.snapshot import Snapshot
-from service.results.sql_store import SqlStore
+from service.results.sql_store import SqlStore, Superseded, new_mark
 from service.results.window_jobs import WindowJobs
+from service.runtime.commits import Commits, Marks
+from service.runtime.outcomes import Outcome
 from service.stream.quality import received_quality
 from twin.windows import Edges, Window
 
@@ -329,7 +332,9 @@ class Written:
 
     def add_window(self, asset: str, window, **changes):
         """Shows one committed window."""
-        return self._show((self.latest(asset) or Snapshot(asset=asset, label=asset)).with_window(window), **changes)
+        return self._show(
+            (self.latest(asset) or Snapshot(asset=asset, label=asset)).with_window(window), stale=None, **changes
+        )
 
     def update(self, asset: str, **changes):
         """Shows changes; those of what is kept are kept."""
@@ -356,7 +361,7 @@ class WrittenTable(Written, AssetTable):
 
     def __init__(self, store, alarms=None) -> None:
         super().__init__(store, alarms or AlarmKeeper(AlarmStore(store.database)), most=None)
-        self.load(store.all_assets())
+        self.load()
 
 
 def scratch_table() -> WrittenTable:
@@ -366,6 +371,13 @@ def scratch_table() -> WrittenTable:
     table = WrittenTable(store)
     weakref.finalize(table, lambda: (store.close(), shutil.rmtree(folder)))
     return table
+
+
+def commit(commits: Commits, outcome: Outcome) -> None:
+    """Commits an outcome that goes on from whatever is there."""
+    while True:
+        with suppress(Superseded):
+            return commits.commit(outcome, None, Marks(commits._store.mark(outcome.asset), new_mark()))
 
 
 def jobs_of(store) -> Jobs:
@@ -390,7 +402,7 @@ def decisions(store, asset: str) -> tuple[Job, ...]:
 def carry_out(store, job: Job, outcome: dict | None = None, events=(), **parts) -> bool:
     """Carries a job out, as the service does: once, with all that it changes."""
     with store.database.transaction():
-        first = jobs_of(store).end(job.id, outcome)
+        first = jobs_of(store).end(job, outcome)
         if first:
             store.keep(job.asset, **parts)
             store.note(job.asset, events)
@@ -403,7 +415,7 @@ def rename(store, board, asset: str, name: str) -> None:
     effect = {"asset": name, "was": names.label(asset)}
     with jobs.transaction():
         number = jobs.add(asset, "renamed", {"name": name})
-        jobs.end(number, effect)
+        jobs.end(jobs.job(number), effect)
         names.rename(asset, name)
         store.note(asset, [("change", {"id": number, "kind": "renamed", "name": name, "effect": effect})])
     board.update(asset, label=name, last_event_id=store.last_event_id(asset))

@@ -14,11 +14,11 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
-from forked_processes import ForkedProcess
+from forked_processes import ForkedProcess, is_alive
 from one_partition import Fleets, takes_frames
 
 from service.fleet.databases import front_tables
-from service.fleet.layout import Layout, folder_of
+from service.fleet.layout import Layout
 from service.results.data_folder import DATABASE
 from service.results.sql_store import SqlStore
 from service.runtime.demo import free_port as first_free
@@ -152,10 +152,13 @@ class Service:
         return self
 
     def end(self, how: int = signal.SIGTERM) -> tuple[int, str, str]:
-        """The exit status and what was said."""
-        if self.process.poll() is None:
+        """The exit status and what was said; all that the service has started has ended by then."""
+        started = [] if self.process.poll() is not None else self.process.all
+        if started:
             self.process.send_signal(how)
-        return self.process.wait(20), *self.said()
+        status = self.process.wait(20)
+        wait_until(lambda: not any(map(is_alive, started)), 10.0)
+        return status, *self.said()
 
     def said(self) -> tuple[str, str]:
         """What the process has said so far, to output and error."""
@@ -163,9 +166,8 @@ class Service:
 
     @property
     def folder(self) -> Path:
-        """Where the files of its assets are."""
-        fleet = Service.fleets is not None and Service.fleets.database(self.given)
-        return Path(self.given["DATA"], folder_of(0) if fleet else "")
+        """Where its files are."""
+        return Path(self.given["DATA"])
 
     def store(self) -> AbstractContextManager[SqlStore]:
         """What it has stored, for who looks at it from outside, or writes to it."""

@@ -84,17 +84,19 @@ def test_an_acknowledgement_is_published_once_it_is_shown(bench, monkeypatch):
     (alarm,) = bench.alarms()
     changed = bench.board.changed
 
-    def publish():  # as the service does between frames
-        for asset in bench.keeper.changed_by_people():
-            bench.publication.publish(asset)
+    with bench.board.follow(fleeting=False) as changes:
 
-    def looked_at(asset):
+        def publish():  # as the service does between frames
+            for asset in changes.take(0):
+                bench.publication.publish(asset)
+
+        def looked_at(asset):
+            publish()
+            changed(asset)
+
+        monkeypatch.setattr(bench.board, "changed", looked_at)
+        assert bench.sign(alarm["id"], "acknowledge").status_code == 200
         publish()
-        changed(asset)
-
-    monkeypatch.setattr(bench.board, "changed", looked_at)
-    assert bench.sign(alarm["id"], "acknowledge").status_code == 200
-    publish()
     assert published(bench) == shown(bench) == [("watch", "active_acknowledged")]
 
 

@@ -53,7 +53,7 @@ class Bench:
         self.network = MemoryNetwork()
         self.publication = StatePublication(self.network, self.board)
         self.commits = Commits(self.store, self.board, WindowJobs(self.store.database), alarms=self.keeper)
-        self.client = Client(create_app(self.board, self.store, alarms=self.keeper, told=self.take_up))
+        self.client = Client(create_app(self.board, self.store, alarms=self.keeper))
         self.index = len(self.board.get("unsw").records) if self.board.get("unsw") else 0
 
     def window(self, found=HEALTHY, quality="good", indicators=None, index=None, set_back_s=0):
@@ -63,14 +63,9 @@ class Bench:
             given = replace(given, record={**given.record, "indicators": indicators})
         if isinstance(found.wear, Unavailable):
             given = replace(given, report={**given.report, "wear": not_available(found.wear.reason)})
-        self.commits.commit(given)
+        fakes.commit(self.commits, given)
         self.publication.publish("unsw")
         self.index = self.board.latest("unsw").windows_total
-
-    def take_up(self, what, asset):
-        """The worker takes up what became of an alarm."""
-        self.board.changed(asset)
-        self.keeper.changed(asset)
 
     def alarms(self, query=""):
         return self.client.get(f"/v1/assets/unsw/alarms{query}").json()

@@ -139,7 +139,7 @@ def test_windows_from_before_a_change_are_of_another_machine(tmp_path):
     with Service(data).store() as store:
         signals, jobs = in_folder(store, Service(data).folder / SEGMENTS), Jobs(store.database)
         made = jobs.add("bench", "sensor_moved", {"sensor": "a"})
-        jobs.end(made, {"from_window": 2})
+        jobs.end(jobs.job(made), {"from_window": 2})
         with pytest.raises(InputError, match=r"window 1 was measured before the change 'sensor_moved'.*from 2 on"):
             learn_from_windows("bench", [1, 2, 3], store, signals, jobs)
         assert len(learn_from_windows("bench", [2, 3, 4], store, signals, jobs).readings) == 3

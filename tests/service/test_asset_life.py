@@ -20,8 +20,9 @@ from service.errors import DeliveryError, InputError
 from service.results.alarm_store import AlarmStore
 from service.results.jobs import Jobs
 from service.results.window_jobs import WindowJobs
+from service.runtime.followed import Followed
 from service.runtime.replay import replay
-from service.runtime.work import Work
+from service.runtime.spool import Spool
 
 WINDOWS = 4
 LATER = 86_400.0  # [s]
@@ -94,7 +95,7 @@ def test_revolutions_that_fall_ask_whose_they_are_and_the_windows_wait(running, 
     assert revolutions(running.windows()) == FIRST  # none of the second is in the first one's history
     (summary,) = running.get("/v1/assets")
     assert summary["status"]["level"] != "normal" and summary["windows"] == WINDOWS
-    assert json.loads(network.published[-1][1])["question"]["waiting"] == WINDOWS
+    wait_until(lambda: json.loads(network.published[-1][1])["question"]["waiting"] == WINDOWS)
     assert [data["kind"] for kind, data in events(running) if kind == "question"] == ["count_fell"]
 
 
@@ -149,19 +150,26 @@ def test_a_window_that_closes_before_the_stream_has_followed_is_the_other_machin
     """It was used as the first machine's: whoever computes had committed the change, and had not said so yet."""
     asked(running, network, first, second)
     only_last(write_recording(tmp_path / "longer.mcap", WINDOWS + 1, later=LATER, seed=8), tmp_path / "last.mcap")
-    committed, answered, more = threading.Event(), threading.Event(), Work._more
+    closed, go_on, follow, keep = threading.Event(), threading.Event(), Followed._follow, Spool._keep
 
-    def late(work, asset):
-        committed.set()
-        answered.wait(60)
-        return more(work, asset)
+    def late(followed):
+        if go_on.is_set():
+            follow(followed)
 
-    monkeypatch.setattr(Work, "_more", late)
+    def kept(spool, window):
+        closed.set()
+        return keep(spool, window)
+
+    monkeypatch.setattr(Followed, "_follow", late)
+    monkeypatch.setattr(Spool, "_keep", kept)
     asking = threading.Thread(target=change, args=(running, "other_machine"), kwargs={"name": "bench-2"})
     asking.start()
-    assert committed.wait(30)
-    send(network, tmp_path / "last.mcap")
-    answered.set()
+    wait_until(lambda: running.get("/v1/assets/bench-2") is not None)  # it has been committed
+    sending = threading.Thread(target=send, args=(network, tmp_path / "last.mcap"))
+    sending.start()  # it ends once all is stored
+    assert closed.wait(30)
+    go_on.set()
+    sending.join()
     asking.join()
     assert revolutions(running.wait_for_windows(WINDOWS + 1, "bench-2")) == [*FIRST, 2410]
     assert revolutions(running.windows()) == FIRST and running.get(UNSW)["question"] is None

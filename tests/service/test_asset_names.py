@@ -67,7 +67,7 @@ def listed(running):
 
 
 def asked_about_repeats(running, network, foreign):
-    """Frames of passed times are sent until the question about them is open."""
+    """Frames of passed times are sent until the question about them is open, and none is on its way any more."""
 
     def is_open():
         for frame in foreign[:64]:
@@ -76,6 +76,7 @@ def asked_about_repeats(running, network, foreign):
         return question is not None and question["kind"] == "frames_repeat"
 
     wait_until(is_open)
+    assert network.ask("unsw", 30.0)  # answered once all frames before it are taken
 
 
 class Fails:
@@ -95,9 +96,9 @@ def after_the_commit(monkeypatch):
     """The first reading outside a transaction, after a change has been carried out, fails."""
     fails, done, read = Fails(), Jobs.end, Names.routes
 
-    def end(jobs, number, outcome=None):
+    def end(jobs, *given):
         fails.armed = not fails.failed
-        return done(jobs, number, outcome)
+        return done(jobs, *given)
 
     def routes(names):
         if names.database._present.db is None:
@@ -180,6 +181,18 @@ def test_a_window_in_progress_is_closed_where_frames_of_passed_times_are_another
     asked_about_repeats(running, network, foreign)  # its frames keep the window open
     assert change(running, "other_machine", name="bench-2")[0] == 201
     assert len(running.wait_for_windows(WINDOWS)) == WINDOWS
+
+
+@pytest.mark.slow
+def test_frames_under_a_name_that_was_given_a_moment_ago_are_of_its_asset(running, network, first, tmp_path):
+    """Whoever received them began an asset of that name, which the database refused, and that ended the service."""
+    send(network, first)
+    running.wait_for_windows(WINDOWS)
+    with running.store() as store:
+        Names(store.database).rename("unsw", "press-7")  # committed by another process, and not followed yet
+    send(network, write_recording(tmp_path / "longer.mcap", WINDOWS + 2, asset="press-7"))
+    assert revolutions(running.wait_for_windows(WINDOWS + 2, "press-7")) == [*FIRST, 2410, 3010]
+    assert len(running.get("/v1/assets")) == 1
 
 
 @pytest.mark.slow

@@ -38,6 +38,25 @@ def test_what_is_committed_while_somebody_reads_is_not_shown_as_it_was_before(st
     assert table.latest("unsw").windows_total == len(store.windows("unsw"))
 
 
+def test_what_is_committed_while_a_start_reads_is_found(store, monkeypatch):
+    """The window's version was taken for that of the snapshot without it, and the list showed that for good."""
+    written, read = fakes.WrittenTable(store), store.all_assets
+    fakes.take(store, written, "unsw", 0, 10.0)
+
+    def overtaken():
+        found = read()
+        fakes.take(store, written, "unsw", 1, 20.0)
+        return found
+
+    table = AssetTable(store)
+    with monkeypatch.context() as patched:
+        patched.setattr(store, "all_assets", overtaken)
+        table.load()
+    assert table.look() and table.latest("unsw").windows_total == 2
+    table.write_noted()
+    assert table.summaries()[0]["windows"] == 2
+
+
 def test_assets_are_shown_as_they_were_last_known_while_the_storage_is_away(store, monkeypatch):
     table = fakes.WrittenTable(store)
     fakes.take(store, table, "unsw", 0, 10.0)

@@ -100,7 +100,7 @@ def test_outcome_of_a_queued_change_is_that_of_the_change(app, keys, store, boar
     ask(app, "POST", f"{BASE}/effects/misalignment", key, json={"decision": "reject"})
     first, second = fakes.jobs_of(store).pending()
     fakes.carry_out(store, first, state={}, report=board.get("unsw").report, events=[])
-    fakes.jobs_of(store).refuse(second.id, "there is no such effect in the twin")
+    fakes.jobs_of(store).refuse(second, "there is no such effect in the twin")
     assert [e["outcome"] for e in entries(app, key)[1:]] == ["done", "refused: there is no such effect in the twin"]
 
 

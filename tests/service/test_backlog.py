@@ -16,7 +16,7 @@ from service.errors import StorageUnavailable
 from service.results import window_jobs
 from service.results.segment_file import read_segment
 from service.results.window_jobs import WindowJobs
-from service.runtime import work
+from service.runtime import computing, work
 from service.runtime.window_outcomes import SHED
 from service.runtime.worker_figures import shed_of
 from twin.windows import Edges, Samples, Window
@@ -58,7 +58,7 @@ def test_windows_over_an_assets_bound_are_left_out_oldest_first_but_not_the_one_
     for number in range(8):
         p.add("a", number)
     assert p.backlogs.now("a").all_windows == 3 == len(p.files())
-    p.computing.carry_out()
+    p.carry_out()
     assert numbers(p.store, refused=True) == [1, 2, 3, 4, 5] and numbers(p.store, refused=False) == [0, 6, 7]
     windows = p.store.windows("a")
     assert [window.record["index"] for window in windows] == list(range(8))
@@ -76,7 +76,7 @@ def test_an_asset_that_floods_costs_no_other_a_window(parts):
     for number in range(30):
         p.add("flood", number)
     assert p.backlogs.now("quiet").all_windows == 2 and p.backlogs.windows == 8
-    p.computing.carry_out()
+    p.carry_out()
     assert not numbers(p.store, refused=True, asset="quiet") and len(numbers(p.store, True, "flood")) == 24
 
 
@@ -85,7 +85,7 @@ def test_bytes_are_bounded_too(parts):
     for number in range(8):
         p.add("a", number)
     assert p.backlogs.now("a").bytes <= 60 * KB + 40 * KB
-    p.computing.carry_out()
+    p.carry_out()
     assert shed_of(p.table, "a") > 2
 
 
@@ -107,8 +107,7 @@ def test_windows_wait_in_memory_within_a_bound_and_keep_their_order_and_place(pa
     p.clock[0] += 100
     assert p.spool.retry() and p.spool.unstored_from_ns("a") is None and p.spool.held_bytes == 0
     p.storage.worked()
-    p.turns.retry()
-    p.computing.carry_out()
+    p.carry_out()
     assert numbers(p.store, refused=True) == [0, 1, 2] and numbers(p.store, refused=False) == [3, 4, 5]
     assert "storage could not be used" in p.store.windows("a")[0].record["reason"]
     assert shed_of(p.table, "a") == 3
@@ -120,15 +119,15 @@ def test_a_result_whose_commit_fails_is_committed_later_and_its_asset_waits(part
         p.add("a", number)
     commit = p.store.commit
     monkeypatch.setattr(p.store, "commit", broken)
-    p.computing.carry_out()
-    assert not p.done and not p.computing.turns and len(p.windows.waiting("a")) == 3
+    with pytest.raises(StorageUnavailable):
+        p.carry_out()
+    assert not p.store.windows("a") and len(p.windows.waiting("a")) == 3
     monkeypatch.setattr(p.store, "commit", commit)
     monkeypatch.setattr(work, "carry_out", broken)  # the first is not computed again
     p.storage.worked()
-    p.turns.retry()
-    p.computing.carry_out(1)
+    p.carry_out(1)
     monkeypatch.undo()
-    p.computing.carry_out()
+    p.carry_out()
     assert numbers(p.store, refused=False) == [0, 1, 2]
     assert [window.record["index"] for window in p.store.windows("a")] == [0, 1, 2]
 
@@ -159,8 +158,7 @@ def test_a_window_that_was_kept_without_an_answer_keeps_its_file_where_the_next_
     p.clock[0] += 100
     assert p.spool.retry() and len(p.windows.waiting("a")) == 1
     p.storage.worked()
-    p.turns.retry()
-    p.computing.carry_out()
+    p.carry_out()
     assert numbers(p.store, refused=False) == [0] and p.windows.waiting("a") == ()
 
 
@@ -196,3 +194,20 @@ def test_a_suspended_worker_that_goes_on_writes_into_no_file_of_the_one_that_too
     assert read_segment(life.path_of(life.waiting("a")[0])).start_ns == segment("a", 0).start_ns
     assert WindowJobs(store.database, tmp_path / "segments").waiting("a")  # a start deletes what nothing names
     assert list((tmp_path / "segments").iterdir()) == [second.path]
+
+
+def test_a_window_that_is_left_out_while_it_is_begun_is_counted_as_that(parts, monkeypatch):
+    p, read = parts(), computing.read_segment
+    for number in range(2):
+        p.add("a", number)
+    p.carry_out(1)
+    (waits,) = p.windows.waiting("a")
+
+    def late(file):
+        monkeypatch.undo()
+        p.windows.leave_out(waits, "left out: no room")
+        return read(file)
+
+    monkeypatch.setattr(computing, "read_segment", late)
+    p.carry_out()
+    assert p.store.windows("a")[1].record["reason"] == "left out: no room" and shed_of(p.table, "a") == 1

@@ -108,7 +108,7 @@ def test_backup_of_a_service_at_work_is_of_one_moment(data, tmp_path):
                 (entry,) = life.waiting("unsw")
                 with life.transaction():
                     fakes.take(store, None, "unsw", index, 100.0 * index)
-                    life.drop_waiting(entry.id)
+                    life.drop_waiting(entry)
                 life.path_of(entry).unlink()
                 index += 1
 

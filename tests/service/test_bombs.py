@@ -16,7 +16,7 @@ from streams import bursts
 from test_mcap import count_frames, written
 
 from service.errors import InputError
-from service.stream.sources import mcap_unpack
+from service.stream.sources import mcap_scan
 from service.stream.sources.mcap import Recording
 from service.stream.sources.mcap_scan import MAGIC
 
@@ -103,8 +103,8 @@ def test_chunk_that_holds_more_than_it_says_is_left_out(tmp_path):
 
 
 def test_all_chunks_together_are_bounded_by_the_size_of_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(mcap_unpack, "TOTAL", 10 * 2**20)
-    monkeypatch.setattr(mcap_unpack, "EXPANSION", 1)
+    monkeypatch.setattr(mcap_scan, "TOTAL", 10 * 2**20)
+    monkeypatch.setattr(mcap_scan, "EXPANSION", 1)
     good = written(tmp_path / "a.mcap", bursts(2))
     record = b"\x80" + struct.pack("<Q", 2**21 - 9) + bytes(2**21 - 9)  # one private record of 2 MB
     bombs = [chunk(zstandard.compress(record), 2**21, "zstd") for _ in range(30)]
@@ -112,12 +112,12 @@ def test_all_chunks_together_are_bounded_by_the_size_of_the_file(tmp_path, monke
     path.write_bytes(MAGIC + b"".join(bombs) + data[len(MAGIC) :])
     with Recording(path) as recording:
         assert list(recording.messages())  # of the true chunks those that still fit
-        assert sum(recording._contents.unpacked.values()) <= mcap_unpack.allowance(path.stat().st_size) < 20 * 2**20
+        assert sum(recording._contents.unpacked.values()) <= mcap_scan.allowance(path.stat().st_size) < 20 * 2**20
         assert any("all chunks together would be over" in fault for fault in recording.faults)
 
 
 def test_many_small_records_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(mcap_unpack, "MOST_RECORDS", 1000)
+    monkeypatch.setattr(mcap_scan, "MOST_RECORDS", 1000)
     data = (b"\x80" + struct.pack("<Q", 0)) * 5000
     path = file_of(tmp_path / "many.mcap", chunk(zstandard.compress(data), len(data), "zstd"))
     began = time.monotonic()

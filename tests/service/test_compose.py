@@ -2,7 +2,7 @@
 
 Needs an engine and the images, so it runs only where the command is named:
     docker compose -f docker/compose.yml build
-    GEAR_TWIN_POSTGRES_PASSWORD=- GEAR_TWIN_FLEET_TOKEN=- docker compose -f docker/compose.fleet.yml build
+    GEAR_TWIN_POSTGRES_PASSWORD=- docker compose -f docker/compose.fleet.yml build
     GEAR_TWIN_TEST_COMPOSE='docker compose' .venv/bin/python -m pytest -m slow tests/service/test_compose.py
 """
 
@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 COMPOSE = shlex.split(os.environ.get("GEAR_TWIN_TEST_COMPOSE", ""))
 PROJECT = "gear-twin-test"
 READY, REPLAYED = 60.0, 300.0  # [s]
-STARTED, RECOVERED = 240.0, 120.0  # a fleet, and its partitions after a node was lost [s]
+STARTED, RECOVERED = 240.0, 120.0  # a fleet, and its partitions after a host was lost [s]
 ASK = """
 import sys, urllib.request
 for path in sys.argv[2:]:
@@ -150,14 +150,13 @@ class FleetStack(Stack):
     file, serves, image = "compose.fleet.yml", "front", "gear-twin-fleet"
 
     def __init__(self, *profiles: str, **environment: str) -> None:
-        secrets = {"GEAR_TWIN_POSTGRES_PASSWORD": "only-for-this-test", "GEAR_TWIN_FLEET_TOKEN": 32 * "ab"}
-        super().__init__(*profiles, **secrets, **environment)
+        super().__init__(*profiles, GEAR_TWIN_POSTGRES_PASSWORD="only-for-this-test", **environment)
 
     def served(self, seconds: float) -> None:
         """Waits until all partitions are served."""
         until = time.monotonic() + seconds
         while any(self.unserved()) or not self.started():
-            assert time.monotonic() < until, self.logs("fleet")
+            assert time.monotonic() < until, self.logs("front")
             time.sleep(1)
 
     def started(self) -> bool:
@@ -169,7 +168,7 @@ class FleetStack(Stack):
     def partitions(self) -> list[dict]:
         """What `fleet status` says of each partition."""
         said = self.call(
-            "exec", self.container("fleet"), "gear-twin", "fleet", "status", "--json", "-", check=False
+            "exec", self.container("front"), "gear-twin", "fleet", "status", "--json", "-", check=False
         )  # fmt: skip
         return json.loads(said)["partitions"] if said.strip() else [{"served": False}]
 
@@ -193,7 +192,7 @@ class FleetStack(Stack):
     def host_of(self, partition: int) -> str:
         """The container that serves a partition."""
         host = self.partitions()[partition]["worker"].partition(":")[0]
-        return next(name for name in self.containers("node") if host == self.call(
+        return next(name for name in self.containers("host") if host == self.call(
             "inspect", "--format", "{{.Config.Hostname}}", name).strip())  # fmt: skip
 
 
@@ -269,14 +268,14 @@ def test_prometheus_scrapes_the_service():
             time.sleep(2)
 
 
-def test_a_fleet_goes_on_when_a_node_is_killed_and_keeps_all_windows():
+def test_a_fleet_goes_on_when_a_host_is_killed_and_keeps_all_windows():
     partition = partition_of(ASSET, PARTITIONS)
     assert partition == partition_of(OTHER, PARTITIONS)
     text = (ROOT / "docker" / FleetStack.file).read_text(encoding="utf-8")
     assert f"GEAR_TWIN_KEY:-{keys_of(partition)}}}" in text
     with FleetStack() as stack:
         stack.served(STARTED)
-        assert len(stack.containers("node")) == 2
+        assert len(stack.containers("host")) == 2
         stack.compose("--profile", "replay", "up", "-d", "--no-build", "replay")
         assert stack.ended("replay") == 0, stack.logs("replay")
         before = stack.assessed(ASSET)
@@ -287,15 +286,15 @@ def test_a_fleet_goes_on_when_a_node_is_killed_and_keeps_all_windows():
             assert time.monotonic() - begun < RECOVERED
             time.sleep(0.5)
         stack.served(RECOVERED)
-        print(f"served again {time.monotonic() - begun:.0f} s after a node was killed")
+        print(f"served again {time.monotonic() - begun:.0f} s after a host was killed")
         assert stack.host_of(partition) != victim
         assert stack.answers() == before
         stack.replay_as(OTHER, partition)
         after = stack.assessed(OTHER)
         assert after[ASSET] == before[ASSET] and len(after[OTHER][2]) == len(before[ASSET][2])
-        stack.compose("up", "-d", "--no-build", "--no-recreate", "node")  # the node that was killed is there again ...
+        stack.compose("up", "-d", "--no-build", "--no-recreate", "host")  # the one that was killed is there again ...
         until = time.monotonic() + RECOVERED
         while len({row["node"] for row in stack.partitions()}) < 2:  # ... and has its share of the partitions
-            assert time.monotonic() < until, stack.logs("fleet")
+            assert time.monotonic() < until, stack.logs("front")
             time.sleep(2)
         stack.served(RECOVERED)

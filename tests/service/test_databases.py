@@ -10,10 +10,11 @@ import sqlalchemy as sa
 from service_streams import wait_until
 from sqlalchemy.exc import DBAPIError
 
-from service.errors import StorageUnavailable
+from service.errors import SteppedBack, StorageUnavailable
 from service.results import backends, commit_marks
 from service.results.backends import Postgresql
 from service.results.commit_marks import Mark
+from service.results.database import Database
 from service.results.jobs import Jobs
 from service.results.schema import COMMITS, JOBS, PEOPLES
 from service.results.segment_file import read_segment
@@ -42,7 +43,7 @@ def test_jobs_of_all_kinds_wait_in_the_order_in_which_they_were_submitted(each_s
     assert life.add_waiting("unsw", life.write(fakes.SEGMENT))
     numbers += [fakes.inspect(each_store, "unsw", {"revolutions": 10.0}, {}), jobs.add("mill", "retired", {})]
     assert [job.id for job in jobs.pending()] == numbers
-    jobs.refuse(numbers[0], "no window has been processed yet")
+    jobs.refuse(jobs.job(numbers[0]), "no window has been processed yet")
     assert [job.id for job in jobs.pending()] == numbers[1:]
     assert [job.kind for job in jobs.changes("unsw")] == ["oil_changed"]
 
@@ -68,7 +69,7 @@ def test_decisions_are_counted_by_what_became_of_them(each_store):
     first = fakes.decide(each_store, "unsw", "misalignment", "pin", "Anna", "measured")
     second = fakes.decide(each_store, "unsw", "tooth_crack", "reject")
     assert fakes.carry_out(each_store, jobs.job(first), state={"n": 2}, report={"wear": {}})
-    jobs.refuse(second, "there is no such effect")
+    jobs.refuse(jobs.job(second), "there is no such effect")
     assert jobs.decision_counts() == {"unsw": {"pin": 1}} and jobs.pending() == ()
     assert [(d.given["by"], d.refused) for d in fakes.decisions(each_store, "unsw")] == [
         ("Anna", None), (None, "there is no such effect"),
@@ -82,7 +83,7 @@ def test_windows_that_wait_are_given_to_another_asset(each_store, tmp_path):
     life.give_waiting("unsw", "other")
     (waiting,) = life.waiting("other")
     assert life.waiting("unsw") == () and read_segment(life.path_of(waiting)).start_ns == waiting.start_ns
-    life.drop_waiting(waiting.id)
+    life.drop_waiting(waiting)
     assert life.waiting("other") == ()
 
 
@@ -237,6 +238,27 @@ def test_who_writes_leaves_one_row_and_rows_of_the_past_go(postgresql, postgresq
         fakes.take(store, None, "unsw", 3, 400.0)
         writers = [writer for (writer,) in store.database.rows(sa.select(COMMITS.c.writer))]
         assert "long ago" not in writers and len(writers) == 2
+
+
+@pytest.mark.parametrize("claimed", [True, False])
+def test_server_without_what_it_had_confirmed_is_said_by_who_has_the_claim_each_time_and_by_others_once(
+    postgresql, postgresql_server, claimed
+):
+    with SqlStore(Database(postgresql, claimed=claimed, shared=not claimed)) as store:
+        store.note("unsw", [])
+
+        def lose():
+            postgresql_server.sql("DELETE FROM commits", postgresql.rpartition("/")[2])
+            store.database.close()
+
+        lose()
+        with pytest.raises(SteppedBack, match="does not have what it had confirmed"):
+            store.note("unsw", [])
+        if claimed:
+            with pytest.raises(SteppedBack):
+                store.note("unsw", [])
+            return
+        store.note("unsw", [])
 
 
 def test_commit_whose_outcome_nobody_tells_is_said_to_be_unknown(postgresql, monkeypatch):

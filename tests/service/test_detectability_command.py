@@ -28,7 +28,7 @@ def test_wrong_options_are_one_clear_error(tmp_path: Path):
     other = tmp_path / "other.json"
     other.write_text("{}", encoding="utf-8")
     named = run("assess", str(ROOT / "recordings" / "short-campaign.mcap"), "--detectability", str(other))
-    assert named.returncode == 2 and "is not a file of `gear-twin detectability`" in named.stderr
+    assert named.returncode == 2 and "not a file of `gear-twin detectability`" in named.stderr
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from fake_twin import TWIN
 from memory_transport import MemoryNetwork
 from service_streams import ROOT, Service, SqliteFile, free_port, wait_until, write_recording
 from test_other_parts import serving as serving_here
-from test_workers import Pool, alive, server
+from test_workers import Pool
 
 from gear_twin import Client
 from service.access.roles import Role, Who
@@ -40,7 +40,6 @@ from service.results.data_folder import only_service_of
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 from service.runtime.usable_cores import usable_cores
-from service.runtime.worker_server import kill_server
 from service.steady_clock import later_time_ns
 
 BROKEN = "raise ImportError('the kernels of this folder cannot be loaded')\n"
@@ -57,23 +56,14 @@ def test_workers_take_the_modules_of_the_service_whatever_lies_where_it_is_start
         (tmp_path / lying).write_text("# another module of this name\n")
     monkeypatch.chdir(tmp_path)
     before = os.environ.get("PYTHONPATH")
-    end_server()
     pool = Pool(tmp_path / "pool", workers=1)
     try:
         pool.window("a")
-        pool.wait(1)
+        pool.wait("a", 1)
         assert pool.reasons("a") == [None]
         assert "PYTHONSAFEPATH" not in os.environ and os.environ.get("PYTHONPATH") == before
     finally:
         pool.close()
-        end_server()
-
-
-def end_server():
-    """Has the next worker made by a new server of processes."""
-    if server() is not None:
-        kill_server()
-        wait_until(lambda: not alive([server()]))
 
 
 def copy_program(folder):
@@ -107,7 +97,7 @@ def test_a_service_none_of_whose_workers_lives_is_not_ready_and_says_why_whereve
     (tmp_path / "program").mkdir()
     with serving(tmp_path / "program") as running:
         why = "no worker process can be started"
-        wait_until(lambda: "cannot be started now" in running.said()[1])
+        wait_until(lambda: "has ended with status" in running.said()[1])
         assert run(["ready", "--url", f"http://{running.http}"]) == 2 and why in capsys.readouterr().err
         assert run(["replay", str(recording), "--connect", running.endpoint, "--speed", "0"]) == 0
         assert re.search(f"the frames are stored and cannot be assessed now: {why}: .+", capsys.readouterr().err)
@@ -115,7 +105,7 @@ def test_a_service_none_of_whose_workers_lives_is_not_ready_and_says_why_whereve
         (asset,) = running.get("/v1/assets")
         assert why in asset["status"]["reasons"][0] and why in asset["data"] + asset["reason"]
         assert "log of the service" in asset["status"]["action"]
-        assert running.said()[1].count("cannot be started now") < 10
+        assert running.said()[1].count("has ended with status") < 10
 
 
 # -- proxies -------------------------------------------------------------------------------------------
@@ -361,11 +351,11 @@ def test_a_service_does_not_begin_where_sqlite_cannot_have_a_write_ahead_log(tmp
     """SQLite's own way to a file system without shared memory."""
     make = sqlalchemy.create_engine
 
-    def without_shared_memory(url, **given):
+    def without_shared_memory(url, *, creator, **given):
         def connect():
-            return sqlite3.connect(f"file:{url.database}?vfs={vfs}", uri=True, check_same_thread=False)
+            ((_, _, file),) = creator().execute("PRAGMA database_list")
+            return sqlite3.connect(f"file:{file}?vfs={vfs}", uri=True, check_same_thread=False)
 
-        given.pop("connect_args")
         return make(url, creator=connect, **given)
 
     monkeypatch.setattr(sqlalchemy, "create_engine", without_shared_memory)

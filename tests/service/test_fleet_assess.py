@@ -31,6 +31,7 @@ from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
 from service.stream.assembly import DEFAULT
 from service.stream.sources.mcap import Recording
+from service.stream.wire.codec import encode
 
 PROGRAM = Path(__file__).parent / "marked_twin.py"
 RECORDINGS, WINDOWS = 20, 4
@@ -136,7 +137,7 @@ def test_segments_of_an_asset_are_one_recording(recordings, tmp_path, url):
     raw.begin()
     with Recording(path) as recording:
         for number, frame in enumerate(recording.frames(lambda channel, error: pytest.fail(str(error))), 1):
-            raw.write(frame)
+            raw.write(frame.channel, frame.start_time_ns, frame.end_time_ns, encode(frame))
             if number % 30 == 0:
                 raw.close()
     raw.close()

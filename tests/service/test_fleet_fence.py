@@ -90,7 +90,7 @@ def test_a_worker_whose_partition_was_taken_commits_nothing_more(fleet):
     with taken(fleet, lost=lambda: lost.append(1)) as old:
         fakes.take(old, None, "unsw", 0, 100.0)
         with taken(fleet) as new:
-            with pytest.raises(Fenced, match="partition 0 has been given to another worker"):
+            with pytest.raises(Fenced, match="partition 0 has been taken by another process"):
                 fakes.take(old, None, "unsw", 1, 200.0)
             assert lost and fakes.take(new, None, "unsw", 1, 200.0)
             assert len(new.windows("unsw")) == 2
@@ -140,7 +140,6 @@ def begun_with(store):
         "windows": {*store.last_event_ids()},
         "alarms": set(alarms.open_by_asset()),
         "messages": {len(alarms.due(due)), alarms.waiting()},
-        "jobs": {job.asset for job in jobs.pending()},
         "decisions": set(jobs.decision_counts()),
         "waiting": set(WindowJobs(store.database).all_waiting()),
         "routes": set(Names(store.database).routes().values()),
@@ -148,7 +147,7 @@ def begun_with(store):
 
 
 def test_a_worker_begins_with_its_share_of_the_assets_and_with_nothing_else(fleet, tmp_path):
-    kinds = ("assets", "all", "windows", "alarms", "jobs", "decisions", "waiting", "routes")
+    kinds = ("assets", "all", "windows", "alarms", "decisions", "waiting", "routes")
     nothing = {kind: set() for kind in kinds}
     with taken(fleet, 0) as first, taken(fleet, 2) as third:
         fakes.fill(first, tmp_path)
@@ -164,16 +163,17 @@ def test_a_worker_begins_with_its_share_of_the_assets_and_with_nothing_else(flee
             assert front.assets() == ("b", "other", "unsw")
             assert {row(fleet, asset)["share"] for asset in both} == {0} and row(fleet, "b")["share"] == 2
             number = fakes.decide(front, "b", "misalignment", "accept")
-        assert [job.id for job in fakes.jobs_of(third).pending()] == [number]
+        assert number in [job.id for job in fakes.jobs_of(third).pending()]
         assert begun_with(first) == filled
 
 
-def test_a_partition_that_is_held_up_delays_no_decision_on_assets_of_others(fleet):
-    """A transaction of its worker that stands still has the lock of its share, and of no other."""
-    with taken(fleet, 0) as first, taken(fleet, 2) as third, at_front(fleet) as front, ThreadPoolExecutor() as pool:
+def test_a_partition_that_is_held_up_delays_no_decision_on_other_assets(fleet):
+    """A transaction of its process that stands still has the locks of the assets that it writes to, and no others."""
+    with taken(fleet, 0) as first, at_front(fleet) as front, ThreadPoolExecutor() as pool:
         fakes.take(first, None, "a", 0, 100.0)
-        fakes.take(third, None, "b", 0, 100.0)
-        with first.database.transaction():
+        fakes.take(first, None, "b", 0, 100.0)
+        with first.database.transaction() as db:
+            first.database.wait(db, "a")
             held_up = pool.submit(fakes.decide, front, "a", "misalignment", "accept")
             engine = engine_of(fleet)
             wait_until(lambda: _waits(engine, "gear-twin front end"), 10)

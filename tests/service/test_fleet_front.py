@@ -14,7 +14,8 @@ from fleets import front, routed, row, worker
 from service_streams import service, wait_until, write_recording
 
 from service.errors import StoreError
-from service.fleet.layout import folder_of, partition_of
+from service.fleet.layout import partition_of
+from service.results.data_folder import SEGMENTS
 from service.runtime.replay import replay
 
 pytestmark = pytest.mark.slow
@@ -95,6 +96,8 @@ def test_every_answer_is_that_of_one_service(tmp_path, fleet, ask):
             compare(ask, other, "/v1/assets", "/v1/areas", "/v1/alarms", "/v1/assets?limit=1")
             plain.end()
             plain.start()  # reports of the fake twin are shown otherwise once they have been read from the store
+            frames = other.get(UNSW).json()["data_quality"]
+            wait_until(lambda: ask.get(UNSW).json()["data_quality"] == frames)  # counted in its row now and then
             compare(ask, other, *(UNSW + part for part in PARTS))
             for path in (f"{UNSW}/report", "/v1/assets/none", "/v1/assets/%00", f"{UNSW}/windows/99/signals/waveform"):
                 assert ask.get(path).status_code == other.get(path).status_code
@@ -253,7 +256,7 @@ def test_a_front_end_says_what_of_the_fleet_is_served(ask):
     assert "gear_twin_fleet_partitions 3.0" in said and "gear_twin_fleet_partitions_served 1.0" in said
     assert 'gear_twin_fleet_assets{level="' in said
     wait_until(lambda: "gear_twin_network_connected 1.0" in ask.get("/metrics").text)
-    assert folder_of(number) in str(next(data_of(ask.process).glob("p*/segments")))
+    assert [path.name for path in (data_of(ask.process) / SEGMENTS).iterdir()] == [f"{number:03d}"]
 
 
 def test_a_front_end_outlives_its_database(tmp_path, postgresql_server, fleet):

@@ -16,21 +16,16 @@ from service.alarms.keeper import AlarmKeeper
 from service.cli import run
 from service.errors import DeliveryError, InputError
 from service.fleet.layout import Layout, partition_of, share_of
-from service.fleet.listener import Listener
 from service.fleet.naming import PartitionStreams
-from service.fleet.notices import channel_of
 from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
-from service.results.baseline_store import BaselineStore
-from service.results.job_queue import JobQueue
-from service.results.jobs import Jobs
+from service.results.commit_watch import CHANNEL
 from service.results.names import Names
 from service.results.schema import NAMES
 from service.results.unknown_assets import UnknownAssets
-from service.results.window_jobs import WindowJobs
 from service.runtime.begun import declare
+from service.runtime.feed import Feed
 from service.runtime.replay import replay
-from service.runtime.worker import Kept
 from service.settings import Settings
 from service.stream.frames import LENGTH_LIMITS
 
@@ -144,35 +139,25 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
     with taken(fleet, OWN) as store:
         fakes.take(store, None, "unsw", 0, 100.0)
         board, alarms, looked = fakes.WrittenTable(store), AlarmKeeper(AlarmStore(store.database)), threading.Event()
-        kept = Kept(
-            store=store,
-            table=board,
-            queue=JobQueue(Jobs(store.database)),
-            windows=WindowJobs(store.database),
-            names=Names(store.database),
-            alarms=alarms,
-            baselines=BaselineStore(store.database, tmp_path),
-        )
-        known = PartitionStreams(LAYOUT, OWN, "gearbox")
-        listener = Listener(fleet, OWN, kept, looked.set, known)
-        listener.start()
+        feed = Feed(store, board, lambda heard: looked.set())
+        feed.start()
         assert looked.wait(20)  # its connection listens
         for payload in said_before:
             looked.clear()
             with store.database.transaction() as db:
-                db.exec_driver_sql(f"NOTIFY {channel_of(OWN)}, '{payload}'")
-            assert looked.wait(20) and listener.is_alive()
+                db.exec_driver_sql(f"NOTIFY {CHANNEL}, '{payload}'")
+            assert looked.wait(20) and feed.is_alive()
         rename(store, "unsw", NEW)
         assert alarms.data("unsw", {"level": "stale", "reason": "no frame for 2 h"})
         (alarm,) = alarms.open("unsw")
         board.update("unsw", label=NEW, alarms=(alarm,))
         with board.follow() as changes, at_front(fleet) as front_end:
-            changes.take(0)  # all assets
+            wait_until(lambda: not changes.take(0.5))  # all assets
             with front_end.database.transaction():
                 signed = AlarmKeeper(AlarmStore(front_end.database)).sign("unsw", alarm["id"], "acknowledged", "A", "")
                 front_end.note("unsw", signed[1])
-            assert changes.take(20) == ("unsw",) and alarms.changed_by_people() == ("unsw",)
-        listener.end()
+            assert changes.take(20) == ("unsw",)
+        feed.end()
         assert board.names() == (NEW,) and board.get("unsw").alarms[0]["acknowledged"]
 
 

@@ -61,6 +61,16 @@ def asked(address, path):
         return error.code, None
 
 
+def beats(server, url):
+    """How often those who receive have said how they are, by partition."""
+    return dict(server.sql("SELECT share, beat FROM fleet.roles WHERE role = 'ingest'", url.rpartition("/")[2]))
+
+
+def all_have_said_more(server, url, before):
+    now = beats(server, url)
+    return now.keys() == before.keys() and all(now[partition] > before[partition] + 1 for partition in before)
+
+
 @pytest.mark.parametrize("idle", [False, True])
 def test_two_partitions_whose_server_fails_over_to_one_that_lags_go_on_from_what_is_there(tmp_path, monkeypatch, idle):
     if programs() is None:
@@ -103,10 +113,12 @@ def test_two_partitions_whose_server_fails_over_to_one_that_lags_go_on_from_what
         wait_until(ready, LONG)
         send()
         wait_until(lambda: all(len(windows(asset)) >= 2 for asset in recordings), LONG)
+        copied = beats(server, url)
         server.stop("immediate")
         shutil.copytree(server.data, server.folder / "lagging")
         _owned_as(server.folder / "lagging", server.data)
         server.start()
+        wait_until(lambda: all_have_said_more(server, url, copied), LONG)  # each has something to lose
         if idle:
             wait_until(lambda: all(windows(asset) == expected[asset] for asset in recordings), LONG)
         else:

@@ -20,7 +20,7 @@ from service.api import create_app
 from service.contract.answer import assemble
 from service.contract.status import status_of
 from service.report import rendered
-from service.report import report_of as made_report
+from service.report.content import report_of as made_report
 from service.report.text import answer_text
 from service.results.window_jobs import WindowJobs
 from service.runtime.commits import Commits
@@ -128,12 +128,12 @@ def test_change_of_level_is_an_event_that_is_committed_with_its_window(store):
     board = fakes.WrittenTable(store)
     commits = Commits(store, board, WindowJobs(store.database))
     for index, found in enumerate([HEALTHY, HEALTHY, TWO_EFFECTS, TWO_EFFECTS, WORN]):
-        commits.commit(outcome(index, found))
+        fakes.commit(commits, outcome(index, found))
     told = [e.data for e in store.events("unsw", 0) if e.kind == "status"]
     assert [(t["before"], t["level"]) for t in told] == [
         ("no_verdict", "normal"), ("normal", "watch"), ("watch", "end_of_life")
     ]  # fmt: skip
     assert told[-1]["action"] == FIRST and told[-1]["data"]["level"] == "ok"
-    commits.commit(outcome(5, WORN, "degraded"))
+    fakes.commit(commits, outcome(5, WORN, "degraded"))
     last = store.events("unsw", 0)[-1]
     assert (last.kind, last.data["before"], last.data["data"]["level"]) == ("status", "end_of_life", "degraded")

@@ -137,7 +137,7 @@ def test_a_restart_reads_the_newest_windows_alone_and_shows_the_same(store, long
         again = fakes.WrittenTable(store, alarms)
         reception = Reception(lambda asset: Rig.from_mapping({}), None)
         known = {s.asset: replace(s, assembly=ASSEMBLY) for s in store.all_assets()}
-        restore(reception, SimpleNamespace(goes_on=lambda asset, assembly: None), store, known)
+        restore(reception, SimpleNamespace(goes_on=lambda asset, assembly: None), known)
     finally:
         event.remove(Engine, "before_cursor_execute", count)
     assert len(read) <= 3 and read[0] == TAIL and all(count <= POINTS + 1 for count in read[1:])
@@ -157,13 +157,12 @@ def statements_of_a_start(folder, assets):
             store.keep(f"machine-{n}", rig={"name": "a"}, assembly=ASSEMBLY, quality={})
         event.listen(Engine, "before_cursor_execute", count)
         try:
-            known = {stored.asset: stored for stored in store.all_assets()}
             board = AssetTable(store, AlarmKeeper(AlarmStore(store.database)), most=None)
-            board.load(known.values())
+            known = {stored.asset: stored for stored in board.load()}
             rigs = Rigs(store, board, GivenRigs())
             rig_of = partial(rigs.of, offered=None)
             reception = Reception(lambda asset: rig_of(asset, stored=known.get(asset)), None)
-            restore(reception, SimpleNamespace(goes_on=lambda asset, assembly: None), store, known)
+            restore(reception, SimpleNamespace(goes_on=lambda asset, assembly: None), known)
             WindowJobs(store.database, folder / "segments").backlogs()
         finally:
             event.remove(Engine, "before_cursor_execute", count)

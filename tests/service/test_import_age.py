@@ -12,9 +12,7 @@ from typer.testing import CliRunner
 
 from service.cli.commands import app
 from service.errors import InputError
-from service.files.gear_age import age_of
-from service.files.recorded_rig import rig_of
-from service.files.rig import load_rig
+from service.files.rig import age_of, load_rig, rig_of
 from service.stream.sources.mcap import Recording
 
 ROOT = Path(__file__).parents[2]

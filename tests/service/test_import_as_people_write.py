@@ -11,12 +11,13 @@ from scipy.io import savemat
 
 from service.cli import run
 from service.errors import InputError
+from service.files.documents import Part
 from service.files.guess import proposal_of
-from service.files.import_channel import mapped_channels, unwrapped
-from service.files.import_recording import toml_value
+from service.files.import_mapping import mapped_channels, unwrapped
 from service.files.readers import read_table
 from service.signals.trends import trends_of
 from service.stream.sources.mcap import read_windows
+from service.toml_text import document_text, value_text
 from twin.errors import WindowError
 from twin.features.pulses import PulseSettings, pulses_of
 
@@ -77,13 +78,13 @@ def test_a_counter_passes_from_its_largest_number_to_0_and_back():
 )  # fmt: skip
 def test_a_sensitivity_is_read_as_it_stands_on_a_certificate(kind, given, factor):
     table = {"column": "a", "unit": "V", "sensitivity": given}
-    assert mapped_channels("m.toml", {f"{kind}/pinion": table})[0].factor == pytest.approx(factor)
+    assert mapped_channels(Part("m.toml", {f"{kind}/pinion": table}))[0].factor == pytest.approx(factor)
 
 
 @pytest.mark.parametrize("given", ["100 mV", "mV/g", "100 mV/Nm", "fast"])
 def test_a_sensitivity_that_cannot_be_read_says_how_to_write_it(given):
     with pytest.raises(InputError, match=r"must be a number of V per m/s², or a text such as '100 mV/m/s2' or"):
-        mapped_channels("m.toml", {"a": {"unit": "V", "sensitivity": given}})
+        mapped_channels(Part("m.toml", {"a": {"unit": "V", "sensitivity": given}}))
 
 
 def csv(path, header: str, columns) -> str:
@@ -128,10 +129,12 @@ def test_a_mapping_that_its_own_reader_would_refuse_is_not_written(tmp_path, mon
 
 
 @pytest.mark.parametrize("text", ["a\tb", "a\rb", 'q"\\', "x\x7fy", "Schwingung µ", "\x01", "a\nb"])
-def test_every_name_of_a_file_can_be_written_into_a_mapping(text):
+def test_every_name_of_a_file_can_be_written_as_toml(text):
     import tomllib
 
-    assert tomllib.loads(f"k = {toml_value(text)}")["k"] == text
+    assert tomllib.loads(f"k = {value_text(text)}")["k"] == text
+    rig = {"name": text, text: {"teeth": 19, text: {"points": [[2.0, 10.0], [1e22, {text: True}]]}}}
+    assert tomllib.loads(document_text(rig)) == rig
 
 
 @pytest.mark.parametrize("name", ["Dreh [/min]", "[bold]a", "x [/]", "[link=http://a]b", "a [/red] (g)"])

@@ -93,8 +93,9 @@ def test_a_date_in_the_preamble_is_when_the_recording_begins(tmp_path, imported,
 
 
 @pytest.mark.parametrize("zone", ["", "+01:00", "Z"])
-def test_the_first_row_of_a_column_of_dates_is_when_the_recording_begins(tmp_path, imported, zone):
-    times = [f"{(LOCAL + timedelta(seconds=float(t))).isoformat(sep=' ', timespec='microseconds')}{zone}" for t in T]
+@pytest.mark.parametrize("day", ["%Y-%m-%d", "%d.%m.%Y"])  # of dots the day is first, as in a preamble
+def test_the_first_row_of_a_column_of_dates_is_when_the_recording_begins(tmp_path, imported, zone, day):
+    times = [f"{LOCAL + timedelta(seconds=float(t)):{day} %H:%M:%S.%f}{zone}" for t in T]
     csv(tmp_path / "run.csv", times=times)
     _, started, _ = imported(tmp_path / "run.csv", "Acc (g)", zone=None if zone else "+01:00")
     assert datetime.fromisoformat(started) == (LOCAL.replace(tzinfo=UTC) if zone == "Z" else BEGAN)

@@ -11,8 +11,7 @@ from scipy.io import savemat
 from service.cli import run
 from service.errors import InputError
 from service.files.guess import proposal_of
-from service.files.import_channel import unwrapped
-from service.files.import_mapping import load_import_mapping
+from service.files.import_mapping import load_import_mapping, unwrapped
 from service.files.readers import read_table
 
 RATE, N = 12800.0, 12800

@@ -17,8 +17,8 @@ from service.files.import_mapping import load_import_mapping
 from service.files.rig import load_rig
 from service.setup.abilities import NO, PARTLY, YES, abilities, equipment_of, one_more
 from service.setup.answers import checked_answers
+from service.setup.questions import quantity
 from service.setup.rig_file import draft_of, rig_text
-from service.setup.units import quantity
 from tests.mesh_pairs import UNSW_RIG
 from twin.rig import Rig
 from twin.rig_notes import rig_notes
@@ -123,6 +123,8 @@ def test_a_mapping_may_name_its_rig_file(tmp_path):
         ({"wear_limit": "0.5 cm"}, "wear_limit = 5 mm is more than a tooth of module 2 mm is thick"),
         ({"shaft_diameter_pinion": "40 mm"}, "shaft_diameter_pinion = 40 mm must be below the root diameter"),
         ({"teeth": 19}, "teeth is not a question of init"),
+        ({"pinion_teeth": float("inf")}, "pinion_teeth = inf must be a number, such as"),
+        ({"torque_meter": ["yes"]}, "torque_meter = ['yes'] must be yes or no"),
         ({"torque": "10 kg"}, "'kg' is no unit of torque; known: Nm"),
         ({"known": {"inertia.J1": 1.0}}, "inertia is not a key of a rig file; did you mean inertias?"),
         ({"known": {"inertias.J1": 1e9}}, "inertias.J1 = 1e+09 kg·m² is outside"),

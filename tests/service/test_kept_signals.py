@@ -23,9 +23,8 @@ from service.results.schema import WINDOWS
 from service.results.signal_thinning import FIRST, NEWEST, REFUSED, KeptWindow, given_up
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
-from service.runtime.commits import Commits, Marks
+from service.runtime.commits import CLEAR_EVERY, Commits, Marks
 from service.runtime.outcomes import Outcome
-from service.runtime.retention_job import RetentionJob
 from service.stream.window import laid_out
 from twin.rig import Rig
 from twin.windows import Edges, Fault, Samples, SlowValue, Window
@@ -53,11 +52,12 @@ def window(number: int = 0, samples: int = 4000, **changes) -> Window:
 class Loop:
     """What commits windows: over a store, with a folder of segments."""
 
-    def __init__(self, store, folder, limit=2**30):
+    def __init__(self, store, folder, limit=2**30, retention=None):
         self.store, self.folder = store, folder
         self.windows = WindowJobs(store.database, folder)
         self.signals = in_folder(store, folder, limit)
-        self.sink = Commits(store, fakes.WrittenTable(store), self.windows, signals=self.signals)
+        table = fakes.WrittenTable(store)
+        self.sink = Commits(store, table, self.windows, signals=self.signals, retention=retention)
 
     def waits(self, given, asset="unsw"):
         """A window that waits for its turn."""
@@ -69,12 +69,12 @@ class Loop:
         waits = self.waits(given, asset)
         about = fakes.record(number, 100.0 * number) | {"quality": given.quality} | (record or {})
         return Outcome(
-            asset=asset, index=number, window=given, record=about, waited=waits.id, state=STATE, **changes,
+            asset=asset, index=number, window=given, record=about, waited=waits, state=STATE, **changes,
         )  # fmt: skip
 
     def commit(self, number, given=None, asset="unsw", **changes):
         before = len(self.store.windows(asset))
-        self.sink.commit(self.outcome(number, given, asset, **changes))
+        fakes.commit(self.sink, self.outcome(number, given, asset, **changes))
         return len(self.store.windows(asset)) > before
 
     @property
@@ -106,7 +106,7 @@ def test_the_file_in_which_a_window_waited_is_the_one_that_is_kept_and_is_never_
     outcome = loop.outcome(0)
     (path,) = loop.folder.iterdir()
     before = path.stat()
-    loop.sink.commit(outcome)
+    fakes.commit(loop.sink, outcome)
     assert loop.files == loop.named == {path.name} and loop.windows.waiting("unsw") == ()
     after = path.stat()
     assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
@@ -167,7 +167,7 @@ def test_a_window_that_was_committed_before_leaves_the_file_of_the_first_attempt
     again = loop.outcome(2)
     marks = Marks(loop.store.mark("unsw"), 7)
     for _ in range(2):  # the first without an answer
-        loop.sink.commit(again, marks=marks)
+        loop.sink.commit(again, None, marks)
     assert loop.files == loop.named > kept
 
 
@@ -182,9 +182,9 @@ def test_a_transaction_that_fails_deletes_nothing(loop, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(small.windows, "drop_waiting", fails)
         with pytest.raises(StorageUnavailable):
-            small.sink.commit(outcome)
+            fakes.commit(small.sink, outcome)
     assert len(loop.files) == 2 and small.signals.indices("unsw") == (0,)
-    small.sink.commit(outcome)
+    fakes.commit(small.sink, outcome)
     assert loop.files == loop.named and small.signals.indices("unsw") == (1,)
 
 
@@ -323,12 +323,19 @@ def test_the_signals_of_a_window_keep_its_row_in_a_thinned_history_and_go_with_i
     assert retained(129) == ([0, 129], ["third.mcap"])
 
 
-def test_what_the_retention_gives_up_is_deleted(loop):
-    for day in (0, 1, 2, 200):
-        loop.commit(day, window(start_time_ns=START + day * DAY_NS))
-    job = RetentionJob(loop.store, RETENTION, loop.folder)
-    job._clear("unsw")
-    assert loop.signals.indices("unsw") == (0, 200) and loop.files == loop.named
+def test_what_the_retention_gives_up_is_deleted(each_store, tmp_path):
+    loop = Loop(each_store, tmp_path / "segments", retention=RETENTION)
+    for number, day in enumerate((0, 1, 2, 200, 201)):
+        loop.commit(number, window(start_time_ns=START + day * DAY_NS))
+    assert loop.signals.indices("unsw") == (0, 1, 2, 3, 4)  # looked at once in a while
+    again = Loop(each_store, loop.folder, retention=RETENTION)
+    again.commit(5, window(start_time_ns=START + 202 * DAY_NS))  # the first after a start
+    assert loop.signals.indices("unsw") == (0, 3, 4, 5) and loop.files == loop.named
+    for number in range(6, CLEAR_EVERY):
+        again.commit(number, window(start_time_ns=START + (397 + number) * DAY_NS))
+    assert loop.signals.indices("unsw")[:4] == (0, 3, 4, 5)
+    again.commit(CLEAR_EVERY, window(start_time_ns=START + 500 * DAY_NS))
+    assert loop.signals.indices("unsw")[:3] == (0, 6, 7) and loop.files == loop.named
 
 
 WRITES = """

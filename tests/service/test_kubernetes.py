@@ -17,7 +17,6 @@ from service_streams import free_port, wait_until
 from typer.main import get_command
 
 from service.cli.commands import app
-from service.fleet.ray_session import ROOM
 from service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
@@ -28,28 +27,6 @@ SECRETS = dict(re.findall(r"create secret generic (\S+) --from-literal=(\w+)=", 
 
 
 RELEASE = "1.34"  # of Kubernetes, whose schemas the example is held against
-RAY = {  # fields of the operator's resource (ray.io/v1) that the example uses, but for its pods: "*" stands for any key
-    "apiVersion": str, "kind": str, "metadata": {"name": str, "labels": {"*": str}},
-    "spec": {
-        "rayVersion": str,
-        "headGroupSpec": {"rayStartParams": {"*": str}, "template": dict},
-        "workerGroupSpecs": [{
-            "rayStartParams": {"*": str}, "template": dict, "groupName": str,
-            "replicas": int, "minReplicas": int, "maxReplicas": int,
-        }],
-    },
-}  # fmt: skip
-
-
-def faults(given, fields, place=""):
-    """What of a resource of the operator is no field, or of another kind."""
-    if isinstance(fields, type):
-        return [] if type(given) is fields else [f"{place}: {given!r} is no {fields.__name__}"]
-    if isinstance(fields, list):
-        return [line for n, each in enumerate(given) for line in faults(each, fields[0], f"{place}[{n}]")]
-    known = dict.fromkeys(given, fields["*"]) if "*" in fields else fields
-    unknown = [f"{place}.{key}: no field" for key in given if key not in known]
-    return [*unknown, *(s for key, v in given.items() if key in known for s in faults(v, known[key], f"{place}.{key}"))]
 
 
 def named(kind):
@@ -58,14 +35,10 @@ def named(kind):
 
 def templates():
     """The templates of pods, by what they are of."""
-    found = {name: each["spec"]["template"] for name, each in named("Deployment").items()}
-    for name, cluster in named("RayCluster").items():
-        found[f"{name}-head"] = cluster["spec"]["headGroupSpec"]["template"]
-        for group in cluster["spec"]["workerGroupSpecs"]:
-            found[f"{name}-{group['groupName']}"] = group["template"]
-    return found
+    return {name: each["spec"]["template"] for name, each in WORKLOADS.items()}
 
 
+WORKLOADS = named("Deployment") | named("StatefulSet")
 TEMPLATES = templates()
 
 
@@ -80,11 +53,8 @@ def labelled(selector):
 
 
 @pytest.mark.parametrize("each", OBJECTS, ids=lambda each: f"{each['kind']} {each['metadata']['name']}")
-def test_a_manifest_has_only_fields_that_kubernetes_and_its_operator_know(each):
-    if each["kind"] == "RayCluster":
-        assert faults(each, RAY) == []
-    else:
-        kubernetes_validate.validate(each, RELEASE, strict=True)
+def test_a_manifest_has_only_fields_that_kubernetes_knows(each):
+    kubernetes_validate.validate(each, RELEASE, strict=True)
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
@@ -99,20 +69,13 @@ def test_a_field_of_another_name_or_kind_is_found():
         spoiled["spec"]["template"]["spec"][field] = value
         with pytest.raises(kubernetes_validate.ValidationError, match=str(value) if value else field):
             kubernetes_validate.validate(spoiled, RELEASE, strict=True)
-    spoiled = copy.deepcopy(named("RayCluster"))
-    (cluster,) = spoiled.values()
-    cluster["spec"]["workerGroupSpecs"][0] |= {"replica": 1, "minReplicas": "1"}
-    assert faults(cluster, RAY) == [
-        ".spec.workerGroupSpecs[0].replica: no field",
-        ".spec.workerGroupSpecs[0].minReplicas: '1' is no int",
-    ]
 
 
 def cluster_variables(name):
     """What a cluster that gives pods the variables of its Services sets in a container, and what the example does."""
     given = {"KUBERNETES_SERVICE_HOST": "10.96.0.1"}
     services = [(n, s["spec"]["ports"]) for n, s in named("Service").items() if "ports" in s["spec"]]
-    for number, (service, ports) in enumerate([*services, ("gear-twin-head-svc", [{"name": "gcs", "port": 6379}])]):
+    for number, (service, ports) in enumerate(services):
         start, address = service.upper().replace("-", "_"), f"10.96.0.{number + 2}"
         given |= {f"{start}_SERVICE_HOST": address, f"{start}_SERVICE_PORT": str(ports[0]["port"])}
         given[f"{start}_PORT"] = f"tcp://{address}:{ports[0]['port']}"
@@ -125,10 +88,10 @@ def cluster_variables(name):
     return given | {v["name"]: v.get("value", "a secret") for v in container(name).get("env", [])}
 
 
-# What a command says in a pod of which nothing else is there. Ray's own nodes only read the settings.
+# What a command says in a pod of which nothing else is there.
 SAYS = {
     "gear-twin-router": ("routing at", ()),
-    "gear-twin-fleet": ("cannot be used now (connection lost)", (["fleet", "status"],)),
+    "gear-twin-host": ("cannot be used now (connection lost)", ()),
     "gear-twin-front": ("cannot be used now (connection lost)", (["ready"],)),
 }
 
@@ -142,8 +105,8 @@ def test_a_container_and_its_probes_run_with_the_variables_that_its_cluster_sets
     for variable in ("GEAR_TWIN_LISTEN", "GEAR_TWIN_HTTP", "GEAR_TWIN_CONNECT"):
         if variable in given:
             given[variable] = re.sub(r"[\w.-]+:\d+", f"127.0.0.1:{free_port()}", given[variable])
-    says, probes = SAYS.get(name, ("[stream]", ()))
-    assert_says(container(name).get("args", ["config"]), says, given, tmp_path)
+    says, probes = SAYS[name]
+    assert_says(container(name)["args"], says, given, tmp_path)
     for words in probes:
         assert_says(words, "no service answers" if words == ["ready"] else says, given, tmp_path)
 
@@ -200,22 +163,22 @@ def test_services_and_policies_choose_pods_that_are_there():
             for port in rule.get("ports", []):
                 assert all(port["port"] in {p["name"] for p in container(name)["ports"]} for name in chosen)
     assert set(labelled(named("NetworkPolicy")["gear-twin"]["spec"]["podSelector"]["matchLabels"])) == set(TEMPLATES)
-    for deployment in named("Deployment").values():
-        labels = deployment["spec"]["template"]["metadata"]["labels"]
-        assert deployment["spec"]["selector"]["matchLabels"].items() <= labels.items()
+    for workload in WORKLOADS.values():
+        labels = workload["spec"]["template"]["metadata"]["labels"]
+        assert workload["spec"]["selector"]["matchLabels"].items() <= labels.items()
 
 
 def test_commands_are_those_of_the_program():
     probes = [own[p]["exec"]["command"] for own in map(container, TEMPLATES)
               for p in ("readinessProbe", "livenessProbe") if "exec" in own.get(p, {})]  # fmt: skip
-    called = [container(name)["args"] for name in named("Deployment")]
+    called = [container(name)["args"] for name in WORKLOADS]
     for words in [*called, *(words[1:] for words in probes)]:
         command = get_command(app)
         while words and not words[0].startswith("-") and words[0] in getattr(command, "commands", {}):
             command, words = command.commands[words[0]], words[1:]
         assert not getattr(command, "commands", {})
         command.make_context(command.name, list(words))  # which refuses what is no option or value
-    assert {tuple(words[:2]) for words in called} == {("fleet", "router"), ("fleet", "up"), ("fleet", "front")}
+    assert {tuple(words[:2]) for words in called} == {("fleet", "router"), ("fleet", "host"), ("fleet", "front")}
 
 
 def test_settings_are_those_of_the_program():
@@ -238,18 +201,3 @@ def test_settings_are_those_of_the_program():
     assert settings.database is not None
     host = settings.database.get_secret_value().partition("@")[2].partition("/")[0]
     assert host in named("Service") and ":" not in settings.database.get_secret_value().partition("//")[2]
-    engine = named("ConfigMap")["gear-twin-engine"]["data"]
-    compose = yaml.safe_load((ROOT / "docker" / "compose.fleet.yml").read_text(encoding="utf-8"))["x-engine"]
-    assert engine == {name: value for name, value in compose.items() if name != "RAY_AUTH_TOKEN"}
-
-
-def test_every_node_has_room_for_all_partitions():
-    (cluster,) = named("RayCluster").values()
-    partitions = int(named("ConfigMap")["gear-twin"]["data"]["GEAR_TWIN_FLEET_PARTITIONS"])
-    for group in cluster["spec"]["workerGroupSpecs"]:
-        assert json.loads(json.loads(group["rayStartParams"]["resources"])) == {ROOM: partitions}
-        assert group["minReplicas"] >= 2
-    port = container("gear-twin-head")["ports"][0]["containerPort"]
-    address = named("ConfigMap")["gear-twin"]["data"]["GEAR_TWIN_FLEET_ADDRESS"]
-    assert address == f"{cluster['metadata']['name']}-head-svc:{port}"
-    assert (ROOT / "requirements-fleet.lock").read_text().count(f"\nray=={cluster['spec']['rayVersion']} ") == 1

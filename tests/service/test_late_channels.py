@@ -9,7 +9,7 @@ import pytest
 from service_streams import write_recording
 from streams import ACCEL, ASSET, CHANNELS, bursts
 
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.fleet.segments import Segments
 from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess, assess_source

@@ -20,6 +20,7 @@ from service.runtime.intake import Intake
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.pump import Pump
 from service.runtime.reception import Reception
+from service.runtime.routes import Routes
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.streams import Streams
 from service.stream.assembly import AssemblySettings
@@ -51,9 +52,10 @@ class Plant:
         )  # fmt: skip
         names = SimpleNamespace(routes=dict)
         retired, clock = (lambda asset: self.retired), (lambda: self.now)
-        self.streams = Streams(names, self.intake, retired, unknown=self.unknown, clock=clock)
+        routes = Routes(names)
+        self.streams = Streams(routes, self.intake, retired, unknown=self.unknown, clock=clock)
         self.unknown.begin(lambda stream: self.known, ())
-        self.pump = Pump(self.inbox, self.streams, 0.7, asset_of=self.streams.asset_of, clock=lambda: self.now)
+        self.pump = Pump(self.inbox, self.streams, 0.7, asset_of=routes.asset_of, clock=lambda: self.now)
 
     def send(self, frames):
         for each in frames:

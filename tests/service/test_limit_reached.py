@@ -14,7 +14,7 @@ import service_fakes as fakes
 from test_health import get, report_of
 
 from service.report import rendered
-from service.report import report_of as made_report
+from service.report.content import report_of as made_report
 from service.report.text import answer_text
 from service.runtime.state_publication import StatePublication
 from tests.unit.test_status import HEALTHY, life, wear

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from service_streams import RIG, free_port, wait_until
 
-from service.runtime.rigs import OfferedRigs
+from service.runtime.rig_sources import OfferedRigs
 from service.transport.guard import Guard
 from service.transport.zenoh import ZenohTransport, open_session
 

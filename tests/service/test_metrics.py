@@ -20,7 +20,10 @@ from service.errors import StorageUnavailable
 from service.files.rig import load_rig
 from service.operation.metric_catalogue import FLEET, METRICS, OTHERS
 from service.operation.timing import Timing
+from service.results.asset_table import AssetTable
+from service.results.database import Database
 from service.results.jobs import Jobs
+from service.results.sql_store import SqlStore
 from service.runtime.computing import Ask, Call, WindowToUse, carry_out
 from service.runtime.replay import replay
 from twin.observed import TRACING, observed_by, part
@@ -57,6 +60,7 @@ def test_service_that_has_run_exports_all_of_the_catalogue_and_nothing_else(tmp_
     with service(tmp_path / "data", **given) as running:
         replay(recording, [running.endpoint], 0)
         wait_until(lambda: len(running.windows()) == 4, 20.0)
+        wait_until(lambda: "gear_twin_raw_store_unavailable" in running.text("/metrics"), 20.0)  # the recorder's
         exported = families(running.text("/metrics"))
     assert {name: kind for name, (kind, _) in exported.items()} == {e.shown: e.type for e in catalogue}
     for entry in catalogue:
@@ -100,13 +104,18 @@ def test_assets_beyond_the_bound_are_counted_together_and_those_within_it_keep_t
     assert ("gear_twin_updates_total", "m1") in samples() and ("gear_twin_updates_total", "a") not in samples()
 
 
-def test_scrape_is_one_query_however_many_assets_there_are(store, board):
+def test_scrape_is_two_queries_however_many_assets_there_are(store, board):
     for number in range(7):
         fakes.take(store, board, f"m{number}", 0, 100.0)
     asked = []
-    store.database.took = lambda what, seconds: asked.append(what)
-    list(AssetCollector(board, fakes.jobs_of(store), dict, 10).collect())
-    assert asked == ["read"]
+    with SqlStore(Database(store.path, took=lambda what, seconds: asked.append(what))) as another:
+        table, jobs = AssetTable(another), fakes.jobs_of(another)
+        table.look()  # as a process that follows what others commit
+        table.every()  # makes the snapshots
+        asked.clear()
+        list(AssetCollector(table, jobs, dict, 10).collect())
+        table.close()
+    assert asked == ["read", "read"]  # which assets have changed, and what people have decided
 
 
 def test_scrape_is_answered_while_the_storage_cannot_be_used(store, board, monkeypatch):

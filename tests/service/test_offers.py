@@ -252,7 +252,7 @@ def test_one_that_is_in_use_or_cannot_be_is_none(each_store, given):
 def test_an_asset_has_one_proposal_the_newest_and_what_was_rejected_does_not_come_back(each_store):
     receiver, jobs = Receiver(each_store), Jobs(each_store.database)
     receiver.adopt("a", rig=PRESENT)
-    jobs.end(jobs.add("a", RIG_REJECTED, {"digest": digest_of({"n": 1})}))
+    jobs.end(jobs.job(jobs.add("a", RIG_REJECTED, {"digest": digest_of({"n": 1})})))
     receiver.rigs.propose("a", {"n": 1})
     receiver.write()
     assert receiver.offers.proposal("a") is None
@@ -266,7 +266,7 @@ def test_an_asset_has_one_proposal_the_newest_and_what_was_rejected_does_not_com
     receiver.rigs.propose("a", {"n": 3})
     receiver.write()
     assert receiver.offers.proposal("a") == only  # received when it came first
-    jobs.end(jobs.add("a", RIG_REJECTED, {"digest": only.digest}))
+    jobs.end(jobs.job(jobs.add("a", RIG_REJECTED, {"digest": only.digest})))
     receiver.offers.end("a", only.digest)
     receiver.rigs.propose("a", {"n": 3})
     receiver.write()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import filecmp
 import os
 import shutil
 import signal
 import subprocess
 import tempfile
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import fake_twin
@@ -55,12 +56,11 @@ def on_a_disk(tmp_path, kind):
         running = Service(tmp_path, DATA=str(disk / "data"), **settings)
 
         def cut():
-            processes = [running.process.pid, *(_children(server.first_process) if server else ())]
+            processes = [*_stopped(running.process.pid), *(_stopped(server.first_process) if server else ())]
+            _copy_of_one_moment(image, tmp_path / "copy")
             for process in processes:
-                os.kill(process, signal.SIGSTOP)
-            shutil.copy(image, tmp_path / "copy")
-            for process in processes:
-                os.kill(process, signal.SIGKILL)
+                with suppress(ProcessLookupError):  # a role ends with its supervisor
+                    os.kill(process, signal.SIGKILL)
             running.process.wait(20)
             subprocess.run(["umount", "-l", str(folder)], check=True)
             as_root("mount", "-o", "loop", str(tmp_path / "copy"), str(folder))
@@ -75,9 +75,21 @@ def on_a_disk(tmp_path, kind):
             running.end(signal.SIGKILL)
 
 
-def _children(process):
-    own = subprocess.run(["pgrep", "-P", str(process)], capture_output=True, text=True, check=True).stdout.split()
-    return [process, *map(int, own)]
+def _stopped(process):
+    """Stops a process and all that it has started, each before it can start another; those that are stopped."""
+    try:
+        os.kill(process, signal.SIGSTOP)
+    except ProcessLookupError:  # it has ended meanwhile
+        return []
+    own = subprocess.run(["pgrep", "-P", str(process)], capture_output=True, text=True).stdout.split()
+    return [process, *(one for child in own for one in _stopped(int(child)))]
+
+
+def _copy_of_one_moment(image, copy):
+    """Copies a disk to which the kernel may be writing: again until nothing was written meanwhile."""
+    shutil.copy(image, copy)
+    while not filecmp.cmp(image, copy, shallow=False):
+        shutil.copy(image, copy)
 
 
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])

@@ -12,6 +12,7 @@ from streams import ACCEL, ASSET, CHANNELS, LENGTH, TORQUE, bursts, content, fra
 from service.runtime.pipeline import Pipeline
 from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import Pump, _Rhythm
+from service.runtime.routes import Routes
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Answer, Twin
 from service.stream.assembly import AssemblySettings
@@ -109,20 +110,21 @@ class Driven:
         self.positions = Positions(
             self.inbox, None, None, pending=lambda stream: ClosedWindows(waiting=self.backlog), clock=lambda: self.now
         )
-        self.streams = Streams(SimpleNamespace(routes=lambda: dict(self.routes)), pipeline, lambda asset: False)
+        self.known = Routes(SimpleNamespace(routes=lambda: dict(self.routes)))
+        self.streams = Streams(self.known, pipeline, lambda asset: False)
         self.pump = Pump(
             self.inbox,
             self.streams,
             0.7,
             waits=self.positions.waits,
-            asset_of=self.streams.asset_of,
+            asset_of=self.known.asset_of,
             clock=lambda: self.now,
         )
 
     def rename(self, asset, name):
         """An asset has another name: frames under that are its, too."""
         self.routes[name] = asset
-        self.streams.reload()
+        self.known.reload()
 
     def send(self, frames, source=None):
         for f in frames:

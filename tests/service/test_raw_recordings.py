@@ -1,9 +1,12 @@
-"""Frames that the service uses, kept as rolling MCAP recordings: what `record` writes, bounded, whole after a kill."""
+"""What comes on the network, kept as rolling MCAP recordings: bounded, whole after a kill, by a process of its own."""
 
 from __future__ import annotations
 
 import errno
+import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 import tomllib
@@ -13,24 +16,42 @@ from pathlib import Path
 
 import fake_twin
 import pytest
-import service_fakes as fakes
+from forked_processes import is_alive, role_of
 from mcap.reader import make_reader
-from service_streams import Service, wait_until, write_recording
+from memory_transport import MemoryNetwork
+from service_streams import ROOT, Service, free_port, wait_until, write_recording
+from sqlalchemy import update
 from streams import ASSET, bursts, content, unbroken
 
 from service.cli import run
-from service.errors import InputError
+from service.errors import InputError, NotReachable
 from service.json_text import plain
+from service.results.database import Database
+from service.results.json_columns import dump
+from service.results.names import Names
 from service.results.raw_recordings import RawLimits, RawRecordings, kept_in
+from service.results.roles import INGEST, OwnRole, Roles
+from service.results.schema import ASSETS
+from service.results.scratch import scratch
+from service.results.sql_store import SqlStore
 from service.results.stored_recordings import stored_recordings
+from service.runtime import recorded_assets
 from service.runtime.assess import assess
-from service.runtime.raw_recorder import RawRecorder, rig_texts
-from service.runtime.reception import Reception
+from service.runtime.by_settings import client_of, zenoh_of
+from service.runtime.raw_recorder import RawRecorder
+from service.runtime.recorded_assets import RecordedAssets
 from service.runtime.replay import replay
-from service.setup.toml_text import document_text
-from service.stream.sources.mcap import Recording, read_windows
+from service.runtime.rig_sources import GivenRigs, OfferedRigs
+from service.settings import Settings
+from service.stream.inbox import Inbox
+from service.stream.sources.mcap import RawFrame, Recording, read_windows
 from service.stream.windows import Windows
-from twin.rig import Rig
+from service.stream.wire.codec import encode
+from service.stream.wire.topics import topic_of
+from service.toml_text import document_text
+from service.transport.zenoh import open_publisher, open_zenoh
+from service.transport.zenoh_links import ZenohLinks
+from service.transport.zenoh_session import open_session
 
 RIG = b'name = "unsw"\n[gears.pinion]\nteeth = 19\n'
 ROOM = RawLimits(roll_bytes=10**9, roll_seconds=3600.0, keep_bytes=10**9, keep_seconds=10**9, spare_bytes=0)
@@ -51,13 +72,17 @@ class Disk:
 
     def write(self, frames, pace=0.0):
         for each in frames:
-            self.recordings.write(each)
+            write(self.recordings, each)
             self.now += pace
             self.recordings.turn()
 
     @property
     def files(self):
         return sorted(path for path in self.folder.glob("*/*"))
+
+
+def write(recordings, frame):
+    recordings.write(frame.channel, frame.start_time_ns, frame.end_time_ns, encode(frame))
 
 
 def windows(frames):
@@ -87,14 +112,6 @@ def test_a_recording_holds_what_was_used_and_every_tool_reads_it(tmp_path):
         summary = make_reader(file).get_summary()
         assert summary.statistics.message_count == len(frames) and summary.chunk_indexes
     assert disk.recordings.newest_ns == max(f.end_time_ns for f in frames)
-
-
-def test_frames_that_are_left_out_are_not_recorded(tmp_path):
-    used, frames = [], bursts(2)
-    reception = Reception(lambda asset: Rig.from_mapping({}), lambda closed: None, used=used.append)
-    for each in (*frames, *frames):  # sent again
-        reception.feed(each)
-    assert used == frames
 
 
 def test_recordings_are_completed_by_size_age_and_silence_and_together_hold_every_frame(tmp_path):
@@ -133,16 +150,29 @@ def test_frames_after_a_change_of_the_rig_file_are_in_another_recording_that_hol
     assert windows(of_files(disk.files)) == windows(frames)
 
 
-def test_the_text_of_a_rig_file_is_written_once_for_as_long_as_it_holds():
-    board = fakes.scratch_table()
-    text_of = rig_texts(board)
-    assert text_of(ASSET) is None
-    board.update(ASSET, rig={"name": "before"})
-    before = text_of(ASSET)
-    board.update(ASSET, last_frame_ns=1)
-    assert text_of(ASSET) is before and tomllib.loads(before.decode()) == {"name": "before"}
-    board.update(ASSET, rig={"name": "after"})
-    assert tomllib.loads(text_of(ASSET).decode()) == {"name": "after"}
+def test_a_rig_file_that_is_known_later_than_the_first_frame_is_in_the_same_recording(tmp_path):
+    disk, frames = Disk(tmp_path), bursts(2)
+    disk.rig = None
+    disk.write(frames[:7])
+    disk.rig = RIG
+    disk.write(frames[7:], 0.5)
+    disk.recordings.abandon()
+    (left,) = disk.files
+    with Recording(left) as recording:
+        assert recording.rig_text == RIG
+    (path,) = Disk(tmp_path).files
+    rig, _, found = read_windows(path)
+    assert rig == tomllib.loads(RIG.decode()) and content(found) == windows(of_files([path]))
+
+
+def test_a_second_recorder_leaves_the_folder_of_the_first_alone(tmp_path):
+    first = Disk(tmp_path)
+    first.write(bursts(1))
+    with pytest.raises(OSError, match="another process records there"):
+        Disk(tmp_path)
+    assert [path.suffix for path in first.files] == [".part"]
+    first.recordings.close()
+    Disk(tmp_path).recordings.close()
 
 
 def test_oldest_recordings_are_deleted_beyond_their_size_and_age_and_for_others_on_the_disk(tmp_path):
@@ -168,7 +198,7 @@ def test_oldest_recordings_are_deleted_beyond_their_size_and_age_and_for_others_
     spared.recordings.abandon()
     assert [path.suffix for path in spared.files] == [".part"]
     with pytest.raises(OSError, match=r"0.1 GB are free") as raised:
-        spared.recordings.write(frames[400])
+        write(spared.recordings, frames[400])
     assert raised.value.errno == errno.ENOSPC
 
 
@@ -222,17 +252,15 @@ def test_assets_whose_names_a_file_system_does_not_keep_apart_are_recorded_and_a
     assert sorted(found) == sorted([asset] for asset in assets)
 
 
-# -- the thread --------------------------------------------------------------------------------------------
+# -- from the inbox to the disk ----------------------------------------------------------------------------
 
 
 class Failing:
-    """A disk that fails, or waits."""
+    """A disk that fails."""
 
     def __init__(self):
         self.folder, self.size, self.files, self.newest_ns, self.deleted = Path("raw"), 0, 0, 0, 0
         self.fails, self.written, self.abandoned = False, [], 0
-        self.goes_on = threading.Event()
-        self.goes_on.set()
 
     def begin(self):
         self._fail()
@@ -241,10 +269,9 @@ class Failing:
         if self.fails:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    def write(self, frame):
+    def write(self, channel, start_ns, end_ns, payload):
         self._fail()
-        self.goes_on.wait(30)
-        self.written.append(frame)
+        self.written.append((channel, payload))
 
     def turn(self):
         pass
@@ -256,48 +283,137 @@ class Failing:
         self.abandoned += 1
 
 
-@pytest.mark.slow
-def test_a_full_disk_stops_the_recording_alone_is_said_and_it_goes_on_by_itself(caplog):
-    caplog.set_level("INFO")
-    disk = Failing()
-    recorder, frames = RawRecorder(disk), bursts(4)
-    try:
-        for frame in frames[:10]:
-            recorder.offer(frame)
-        wait_until(lambda: len(disk.written) == 10, 10.0)
-        disk.fails = True
-        for frame in frames[10:20]:
-            recorder.offer(frame)
-        wait_until(lambda: recorder.figures()["raw_frames_left_out"] == 10, 10.0)
-        assert recorder.figures()["raw_recording_stopped"] == 1.0 and disk.abandoned
-        assert "cannot be written: No space left on device" in caplog.text
-        disk.fails = False
-        wait_until(lambda: recorder.figures()["raw_recording_stopped"] == 0.0, 20.0)
-        for frame in frames[20:30]:
-            recorder.offer(frame)
-        wait_until(lambda: len(disk.written) == 20, 10.0)
-        assert "go on" in caplog.text and recorder.thread.is_alive()
-        assert recorder.figures()["raw_frames_recorded"] == 20
-    finally:
-        recorder.end()
-    assert not recorder.thread.is_alive()
+class Recorded:
+    """A recorder on a clock of its own, and its inbox."""
 
+    def __init__(self, disk, **given):
+        self.now, self.inbox = 0.0, Inbox(**given)
+        self.recorder = RawRecorder(self.inbox, disk, clock=lambda: self.now)
 
-def test_a_slow_disk_holds_nobody_up_and_what_is_left_out_is_counted():
-    disk = Failing()
-    disk.goes_on.clear()
-    recorder, frames = RawRecorder(disk, waiting_bytes=20_000), unbroken(60.0)
-    try:
-        began = time.monotonic()
+    def take(self, frames):
         for frame in frames:
-            recorder.offer(frame)
-        assert time.monotonic() - began < 15.0
-        left_out = recorder.figures()["raw_frames_left_out"]
-        assert len(frames) - 60 < left_out < len(frames)
-        disk.goes_on.set()
-    finally:
-        recorder.end()
+            self.inbox.offer(topic_of(frame.channel), encode(frame))
+        while not self.inbox.empty:
+            self.recorder.turn(0.0)
+
+    def figure(self, name):
+        return self.recorder.figures()[name]
+
+
+def test_a_full_disk_stops_the_recording_is_said_and_it_goes_on_by_itself(caplog):
+    caplog.set_level("INFO")
+    disk, frames = Failing(), bursts(4)
+    recorded = Recorded(disk)
+    recorded.take(frames[:10])
+    assert len(disk.written) == 10 and recorded.figure("raw_recording_stopped") == 0.0
+    disk.fails = True
+    recorded.take(frames[10:20])
+    assert recorded.figure("raw_frames_left_out") == 10
+    assert recorded.figure("raw_recording_stopped") == 1.0 and disk.abandoned
+    assert "cannot be written: No space left on device" in caplog.text
+    recorded.now += 1.5
+    recorded.recorder.turn(0.0)
+    assert recorded.figure("raw_recording_stopped") == 1.0
+    disk.fails = False
+    recorded.now += 2.5
+    recorded.take(frames[20:30])
+    assert recorded.figure("raw_recording_stopped") == 0.0 and len(disk.written) == 20
+    assert "go on" in caplog.text and recorded.figure("raw_frames_recorded") == 20
+
+
+def test_a_slow_disk_holds_nobody_up_and_what_is_left_out_is_counted(caplog):
+    disk, frames = Failing(), unbroken(60.0)
+    recorded = Recorded(disk, max_bytes=40_000)
+    for frame in frames:
+        assert recorded.inbox.offer(topic_of(frame.channel), encode(frame))
+    left_out = recorded.figure("raw_frames_left_out")
+    assert len(frames) - 120 < left_out < len(frames)
+    recorded.take([])
     assert len(disk.written) == len(frames) - left_out
+    assert "slower than the stream" in caplog.text
+
+
+def test_frames_are_recorded_as_they_came_and_what_breaks_the_contract_is_not():
+    disk, frames = Failing(), bursts(1)
+    recorded = Recorded(disk)
+    recorded.inbox.offer(topic_of(frames[0].channel), b"no frame")
+    recorded.take([*frames, *frames])  # sent again
+    assert disk.written == [(f.channel, encode(f)) for f in (*frames, *frames)]
+    assert recorded.recorder.recorder.refused == 1
+
+
+# -- which frames ------------------------------------------------------------------------------------------
+
+
+class Rows:
+    """The database of a service, and who follows it."""
+
+    def __init__(self, folder, **given):
+        self.store = SqlStore(folder / "gear-twin.sqlite")
+        self.followed = RecordedAssets(lambda: Database(self.store.path, shared=True), **given)
+
+    def knows(self, asset, **parts):
+        with self.store.database.transaction() as db:
+            self.store.database.ensure(db, asset)
+            for name, value in parts.items():
+                db.execute(update(ASSETS).where(ASSETS.c.asset == asset).values({name: dump(value)}))
+
+
+def test_frames_are_those_of_the_assets_that_the_database_knows_by_any_of_their_names(tmp_path):
+    rows = Rows(tmp_path, asks=True)
+    assert rows.followed.asset_of("press") == "press"  # nothing has been read yet: it is rather kept
+    rows.knows("press", rig={"name": "a"})
+    rows.knows("mill", retired={"since": "2026-01-01"})
+    Names(rows.store.database).rename("press", "press-7")
+    rows.followed.look()
+    assert [rows.followed.asset_of(s) for s in ("press", "press-7", "mill", "new")] == ["press", "press", None, None]
+    assert not rows.followed.admits("new") and rows.followed.admits("press-7")
+    rows.knows("new")
+    rows.knows("mill", retired=None)
+    rows.followed.look()
+    assert rows.followed.asset_of("new") == "new" and rows.followed.asset_of("mill") == "mill"
+
+
+def test_assets_that_nobody_knows_are_recorded_where_new_ones_are_adopted_up_to_a_bound(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorded_assets, "MOST_OTHERS", 2)
+    rows = Rows(tmp_path, here=lambda stream: stream != "elsewhere")
+    rows.knows("press")
+    rows.followed.look()
+    asked = [rows.followed.asset_of(s) for s in ("a", "elsewhere", "b", "c", "a", "press")]
+    assert asked == ["a", None, "b", None, "a", "press"]
+
+
+def test_the_rig_file_is_that_of_the_database_else_of_the_settings_else_one_that_the_network_offers(tmp_path):
+    network = MemoryNetwork()
+    given = GivenRigs(own={"a": ({"name": "given"}, "rig")})
+    rows = Rows(tmp_path, given=given)
+    network.rigs = {"a": b'name = "offered"', "b": b'name = "offered"'}
+    with OfferedRigs(network).watching() as rows.followed.offered:
+
+        def known(asset):
+            rows.followed.rig_text(asset)
+            rows.followed.look()
+            text = rows.followed.rig_text(asset)
+            return text and tomllib.loads(text.decode())["name"]
+
+        assert [known(asset) for asset in ("a", "b", "c")] == ["given", "offered", None]
+        rows.knows("a", rig={"name": "kept"})
+        rows.knows("b", rig={"name": "offered"})
+        before = rows.followed.rig_text("b")
+        network.on_rig("c", b'name = "published"')
+        assert [known(asset) for asset in ("a", "b", "c")] == ["kept", "offered", "published"]
+        assert rows.followed.rig_text("b") == before  # no other file begins
+
+
+def test_figures_of_a_process_are_in_its_row_and_those_of_all_are_merged(tmp_path):
+    rows = Rows(tmp_path, figures=lambda: {"raw_frames_recorded": 7, "raw_recording_stopped": 0.0})
+    rows.followed.look()
+    roles = Roles(rows.store.database)
+    other = OwnRole(rows.store.database, INGEST)
+    other.say({"raw_frames_recorded": 5, "raw_recording_stopped": 1.0})
+    assert roles.figures() == {"raw_frames_recorded": 12.0, "raw_recording_stopped": 1.0}
+    other.gone()
+    assert roles.figures(lambda: {"raw_recording_stopped": 0.0})["raw_recording_stopped"] == 0.0
 
 
 def test_a_rig_file_is_written_as_it_is():
@@ -313,24 +429,66 @@ def test_a_rig_file_is_written_as_it_is():
     assert documents and document_text({"a": None, "b": 1}) == "b = 1\n"
 
 
-# -- the service -------------------------------------------------------------------------------------------
+# -- the network -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("config", [None, ROOT / "docs" / "examples" / "zenoh-access.json5"])
+def test_the_recorder_is_let_in_and_hears_all_where_others_must_say_who_they_are(tmp_path, config):
+    users = tmp_path / "users"
+    users.write_text("viewer:secret\nlogger:word\n")  # a viewer may not hear frames
+    settings = Settings(listen=[f"tcp/127.0.0.1:{free_port()}"], zenoh_users=users, zenoh_config=config)
+    inbox, (sent, made) = Inbox(), bursts(1)[:2]
+    logger = ZenohLinks(user="logger", password="word")
+    with (
+        scratch() as within, zenoh_of(settings, within)() as service, client_of(settings, within)() as recorder,
+        recorder.subscribe(inbox), recorder.subscribe_made(inbox),
+        open_publisher(settings.listen, links=logger) as publisher,
+    ):  # fmt: skip
+        assert oct(within.stat().st_mode & 0o777) == "0o700"
+        publisher.declare([sent.channel])
+        wait_until(lambda: service.publish_made(topic_of(made.channel), encode(made)) or not inbox.empty, 10.0)
+        publisher.publish(RawFrame(sent.channel, sent.end_time_ns, encode(sent)))
+        heard = set()
+        wait_until(lambda: ((item := inbox.take(0.1)) and heard.add(item[:2])) or len(heard) == 2, 10.0)
+        assert heard == {(frame.channel, encode(frame)) for frame in (sent, made)}
+        with pytest.raises(NotReachable), open_zenoh((), settings.listen, wait=0.5):
+            pass
+
+
+# -- the process -------------------------------------------------------------------------------------------
+
+
+GIVEN = {"RAW_SPARE_GB": "0"}
+
+
+def records(running):
+    return "gear_twin_raw_recording_stopped 0.0" in running.text("/metrics")
+
+
+def recorder_of(running):
+    """The recorder's process: the one that the service has started."""
+    return role_of(running.process.pid, "record")
 
 
 @pytest.mark.slow
 def test_a_killed_service_leaves_recordings_that_can_be_assessed_and_replayed(tmp_path, capsys):
     recording = write_recording(tmp_path / "a.mcap", 4)
     folder = tmp_path / "raw"
-    given = {"RAW_FOLDER": str(folder), "RAW_SPARE_GB": "0"}
+    given = GIVEN | {"RAW_FOLDER": str(folder)}
     expected = plain(assess(recording, twin=fake_twin.TWIN))
     running = Service(tmp_path / "data", **given).start()
     folder = folder / running.folder.relative_to(tmp_path / "data")
     try:
+        wait_until(lambda: records(running))
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(4)
         wait_until(lambda: handed_on(folder) == handed_on(tmp_path, "a.mcap"))
-        assert "gear_twin_raw_recording_stopped 0.0" in running.text("/metrics")
+        frames = f"gear_twin_raw_frames_recorded_total {handed_on(folder)}"
+        wait_until(lambda: frames in running.text("/metrics"))
+        process = recorder_of(running)
     finally:
         running.end(signal.SIGKILL)
+    wait_until(lambda: not is_alive(process), 5.0)
     assert [path.suffix for path in folder.glob("unsw/*")] == [".part"]
     running = Service(tmp_path / "data", **given).start()
     try:
@@ -345,16 +503,101 @@ def test_a_killed_service_leaves_recordings_that_can_be_assessed_and_replayed(tm
     if Service.fleets is not None:  # it is for what `serve` keeps
         return
     assert run(["check", "--data", str(tmp_path / "data"), "--config", str(config(tmp_path, folder))]) == 0
-    assert "1 raw recordings, " in capsys.readouterr().err
+    assert " raw recordings, " in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_recorder_is_started_again_while_frames_flow_and_completes_what_it_has_left(tmp_path):
+    recording = write_recording(tmp_path / "a.mcap", 40)
+    folder = tmp_path / "raw"
+    running = Service(tmp_path / "data", **GIVEN, RAW_FOLDER=str(folder)).start()
+    folder = folder / running.folder.relative_to(tmp_path / "data")
+    try:
+        wait_until(lambda: records(running) and recorder_of(running) is not None)
+        first = recorder_of(running)
+        sending = threading.Thread(
+            target=replay, args=(recording, [running.endpoint], 4.0), kwargs={"max_pause": 0.5}, daemon=True
+        )
+        sending.start()
+        wait_until(lambda: handed_on(folder) > 0)
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: recorder_of(running) not in (None, first))
+        wait_until(lambda: handed_on(folder) > 0 and list(folder.glob("unsw/*.mcap")))
+        running.wait_for_windows(40)
+        sending.join(30)
+    finally:
+        running.end(signal.SIGTERM)
+    assert running.process.poll() is not None and "it is started again in 0.1 s" in running.said()[1]
+    wait_until(lambda: not list(folder.glob("unsw/*.part")), 20.0)
+    assert len(of_files(folder.glob("unsw/*.mcap"))) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.serve_only("workers of a fleet are in the process that is its router here")
+def test_a_service_that_is_suspended_takes_no_frame_from_the_recordings(tmp_path):
+    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "raw"
+    with Recording(write_recording(tmp_path / "a.mcap", 6)) as recording, open_session([endpoint]):
+        frames = list(recording.messages())
+        given = GIVEN | {"LISTEN": "[]", "CONNECT": f'["{endpoint}"]', "RAW_FOLDER": str(folder), "NEW_ASSETS": "adopt"}
+        running = Service(tmp_path / "data", **given).start()
+        try:
+            wait_until(lambda: records(running))
+            with open_publisher([endpoint]) as publisher:
+                publisher.declare({frame.channel for frame in frames})
+                others = [running.process.pid, role_of(running.process.pid, "ingest")]
+                for process in others:
+                    os.kill(process, signal.SIGSTOP)
+                for frame in frames:
+                    publisher.publish(frame)
+                wait_until(lambda: handed_on(folder) == len(frames), 20.0)
+        finally:
+            for process in others:
+                os.kill(process, signal.SIGCONT)
+            running.end(signal.SIGTERM)
+
+
+@pytest.mark.slow
+def test_record_keeps_all_streams_in_rolling_files_without_a_service_and_without_a_database(tmp_path, capsys):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    recording = write_recording(tmp_path / "a.mcap", 2)
+    environment = os.environ | {
+        "GEAR_TWIN_RAW_FOLDER": str(tmp_path / "raw"), "GEAR_TWIN_RAW_SPARE_GB": "0", "PYTHONPATH": str(ROOT),
+        "GEAR_TWIN_DATA": str(tmp_path / "none"),
+    }  # fmt: skip
+    command = [sys.executable, "-m", "service", "record", "--listen", endpoint]
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        with Recording(recording) as given, open_publisher([endpoint]) as publisher:
+            frames = list(given.messages())
+            publisher.offer_rig("unsw", given.rig_text)
+            publisher.declare({frame.channel for frame in frames})
+            for frame in frames:
+                publisher.publish(frame)
+            wait_until(lambda: handed_on(tmp_path / "raw") == len(frames))
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 0 and f"{len(frames)} frames recorded" in said
+    (path,) = (tmp_path / "raw").glob("unsw/*")
+    with Recording(path) as kept, Recording(recording) as given:
+        assert kept.rig() == given.rig()
+        assert sorted((f.channel, f.payload) for f in kept.messages()) == sorted((f.channel, f.payload) for f in frames)
+    assert not (tmp_path / "none").exists()
+
+
+def test_record_without_a_file_and_without_settings_says_what_to_give(capsys):
+    assert run(["record", "--connect", "tcp/127.0.0.1:9"]) == 2
+    assert "give --out FILE, or set folder or url in the table [raw]" in capsys.readouterr().err
 
 
 def handed_on(folder, pattern="unsw/*.part"):
     """How many frames a recording holds, which may be being written."""
-    (path,) = folder.glob(pattern)
     try:
+        (path,) = folder.glob(pattern)
         with Recording(path) as recording:
             return sum(1 for _ in recording.messages())
-    except InputError:
+    except (InputError, ValueError):
         return 0
 
 

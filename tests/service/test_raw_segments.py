@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
 import time
 from dataclasses import replace
 
 import fake_twin
 import pytest
-import service_fakes as fakes
+from memory_transport import MemoryNetwork
 from service_streams import Service, wait_until, write_recording
 from streams import ASSET, bursts
 
@@ -18,17 +19,19 @@ from service.cli import run
 from service.errors import StoreError
 from service.fleet.assess_task import Work, assess_one
 from service.json_text import plain
-from service.operation.health import Health
 from service.results.object_store import ObjectStore
 from service.results.raw_recordings import RawLimits, RawRecordings
 from service.results.raw_segments import SegmentSender
 from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
-from service.runtime.raw_recorder import recording_raw
+from service.runtime.raw_recorder import keep_recording
+from service.runtime.recorder import Recorded
 from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.assembly import DEFAULT
 from service.stream.sources.mcap import Recording
+from service.stream.wire.codec import encode
+from service.stream.wire.topics import topic_of
 
 ROOM = RawLimits(roll_bytes=10**9, roll_seconds=3600.0, keep_bytes=10**9, keep_seconds=10**9, spare_bytes=0)
 
@@ -56,7 +59,7 @@ class Store:
 
     def record(self, frames):
         for frame in frames:
-            self.spool.write(frame)
+            self.spool.write(frame.channel, frame.start_time_ns, frame.end_time_ns, encode(frame))
         self.spool.close()
 
     @property
@@ -167,15 +170,25 @@ def test_a_url_of_no_object_store_is_refused(capsys, monkeypatch):
     assert "such as s3://bucket/raw" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_settings_make_a_recorder_whose_recordings_are_moved(tmp_path):
     settings = Settings(data=tmp_path / "data", raw_url=f"file://{tmp_path}/store", raw_spare_gb=0)
-    with recording_raw(settings, fakes.scratch_table(), Health(60.0)) as recorder:
-        for frame in bursts(1):
-            recorder.offer(frame)
-        wait_until(lambda: recorder.figures()["raw_frames_recorded"] == len(bursts(1)), 10.0)
-    assert recorder.figures()["raw_segments_stored"] == 1
+    network, stop, done = MemoryNetwork(), threading.Event(), []
+    recording = threading.Thread(target=lambda: done.append(keep_recording(settings, network.open, stop=stop)))
+    recording.start()
+    assert network.subscribed.wait(10)
+    for frame in bursts(1):
+        network.inbox.offer(topic_of(frame.channel), encode(frame))
+    stop.set()
+    recording.join(30)
+    assert done == [Recorded(frames=len(bursts(1)))]
     assert [path.parent.name for path in (tmp_path / "store").rglob("*.mcap")] == [ASSET]
     assert not list((tmp_path / "data" / "raw").rglob("*.mcap*"))
+
+
+def frames_of(path):
+    with Recording(path) as recording:
+        return list(recording.messages())
 
 
 @pytest.mark.slow
@@ -185,8 +198,11 @@ def test_a_service_s_segments_are_assessed_as_one_recording(tmp_path):
     url = f"file://{tmp_path}/store"
     running = Service(tmp_path / "data", RAW_URL=url, RAW_SPARE_GB="0").start()
     try:
+        wait_until(lambda: "gear_twin_raw_recording_stopped 0.0" in running.text("/metrics"))
         replay(recording, [running.endpoint], 0)
         running.wait_for_windows(4)
+        sent = len(frames_of(recording))
+        wait_until(lambda: f"gear_twin_raw_frames_recorded_total {sent}.0" in running.text("/metrics"))
         assert "gear_twin_raw_store_unavailable 0.0" in running.text("/metrics")
     finally:
         running.end(signal.SIGTERM)

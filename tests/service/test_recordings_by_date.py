@@ -12,7 +12,7 @@ from service_streams import Sink
 from typer.testing import CliRunner
 
 from service.cli.commands import app
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.runtime.pipeline import Pipeline
 from service.runtime.twin_port import gear_twin
 from service.stream.sources.mcap import Recording

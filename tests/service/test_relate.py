@@ -143,7 +143,7 @@ def test_fault_of_a_series_file_is_one_line_with_its_key(series, fault, capsys):
     ("line", "message"),
     [
         ("W1,12,2024-02-01,x,0.5", "line 58: fast = 'x' must be a number"),
-        ("W1,12,2024-02-01,0,0.5", "line 58: a level must be positive"),
+        ("W1,12,2024-02-01,0,0.5", "line 58: fast = '0' must be positive and finite"),
         ("W1,13,2024-02-01,9,0.5", "records of 'W1' have several depths"),
     ],
 )

@@ -12,7 +12,7 @@ from service.results.data_folder import DATABASE
 from service.results.names import Names
 from service.results.sql_store import SqlStore
 from service.runtime.begun import Begun
-from service.runtime.rigs import GivenRigs, OfferedRigs
+from service.runtime.rig_sources import GivenRigs, OfferedRigs
 from service.settings import Settings
 
 GIVEN = tomllib.loads(RIG.read_text())

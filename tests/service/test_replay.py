@@ -78,8 +78,8 @@ def receiving(endpoint, pipeline):
         transport.subscribe(inbox),
         patch.object(pump, "JOINED", JOINED),
     ):
-        given = inbox, pipeline, stop, IDLE, positions
-        thread = threading.Thread(target=pump.pump, args=given, kwargs={"channel_wait": WAIT})
+        taking = pump.Pump(inbox, pipeline, IDLE, positions, channel_wait=WAIT)
+        thread = threading.Thread(target=taking.run, args=(stop,))
         thread.start()
         try:
             yield inbox

@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 import pytest
-from service_streams import service, write_recording
+from service_streams import service, wait_until, write_recording
 
 from service.cli import run
 from service.stream.sources.mcap import Recording
@@ -96,5 +96,4 @@ def test_what_of_a_recording_is_not_stored_is_counted_and_no_window_is_shown_tha
                 shown = running.windows()
                 assert len(shown) == stored.windows
                 assert [w["start_time"] for w in shown] == sorted(w["start_time"] for w in shown)
-                position = running.get("/v1/assets/unsw/position")
-                assert position["backlog"] == 0
+                wait_until(lambda: running.get("/v1/assets/unsw/position")["backlog"] == 0)

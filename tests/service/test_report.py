@@ -16,7 +16,8 @@ import service_fakes as fakes
 from service.cli import run
 from service.json_text import plain
 from service.printable import printable
-from service.report import rendered, report_of
+from service.report import rendered
+from service.report.content import report_of
 from service.report.text import answer_text
 from service.report.trends import trends
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from itertools import count, product
 
 import pytest
 from sqlalchemy import event, insert, update
+from test_kept_signals import Loop, window
 
 from service.alarms.engine import Change
+from service.errors import StorageUnavailable
 from service.results.alarm_store import AlarmStore
 from service.results.json_columns import dump, seal
 from service.results.retention import BATCH, DAY_NS, END_OF_EPOCH, Retention, delete_old
 from service.results.schema import WINDOWS
 from service.results.sql_store import SqlStore
-from service.runtime.retention_job import RetentionJob
+from service.runtime import commits
+from service.runtime.all_figures import database_figures
 
 HOUR_NS = 3600 * 10**9
 COUNT = 400  # windows, one an hour
@@ -51,10 +53,9 @@ def kept(store, **given):
     return [w.record["index"] for w in store.windows("unsw", **given)]
 
 
-def expected():
-    newest = COUNT - 1
-    whole = [i for i in range(COUNT) if newest - i <= 48]
-    thinned = [i for i in range(COUNT) if 48 < newest - i <= 240 and (i % 10 == 0 or i in NOTABLE)]
+def expected(newest=COUNT - 1):
+    whole = [i for i in range(newest + 1) if newest - i <= 48]
+    thinned = [i for i in range(newest + 1) if 48 < newest - i <= 240 and (i % 10 == 0 or i in NOTABLE)]
     return [0, *thinned, *whole]
 
 
@@ -153,21 +154,24 @@ def test_file_does_not_grow_with_the_history(tmp_path):
     assert sizes[-1] <= 1.1 * sizes[2]
 
 
-@pytest.mark.slow
-def test_job_deletes_what_is_old_and_ends(long, tmp_path):
-    job = RetentionJob(long, RETENTION, tmp_path, pause=0.05)
-    job.start()
-    end = time.monotonic() + 30
-    try:
-        for index in count():
-            if job.deleted >= COUNT - len(expected()) or time.monotonic() > end:
-                break
-            commit(long, index, asset="other")  # windows are committed meanwhile
-            time.sleep(0.02)
-    finally:
-        job.end()
-    assert not job.is_alive() and kept(long) == expected()
-    assert job.figures() == {"old_rows_deleted": COUNT - len(expected())}
+def test_whoever_commits_a_window_deletes_what_it_makes_old_and_says_how_much(long, tmp_path):
+    loop = Loop(long, tmp_path / "segments", retention=RETENTION)
+    loop.commit(COUNT, window(start_time_ns=COUNT * HOUR_NS))
+    assert kept(long) == expected(COUNT)
+    assert database_figures(long)["old_rows_deleted"] == COUNT + 1 - len(kept(long))
+
+
+def test_a_failure_to_delete_what_is_old_costs_no_window_and_is_made_up_for(long, tmp_path, monkeypatch, caplog):
+    def fails(*given, **named):
+        raise StorageUnavailable("the database cannot be used now (away)", reason="away")
+
+    loop = Loop(long, tmp_path / "segments", retention=RETENTION)
+    with monkeypatch.context() as away:
+        away.setattr(commits, "delete_old", fails)
+        loop.commit(COUNT, window(start_time_ns=COUNT * HOUR_NS))
+    assert "nothing old could be deleted" in caplog.text and len(kept(long)) == COUNT + 1
+    loop.commit(COUNT + 1, window(start_time_ns=(COUNT + 1) * HOUR_NS))
+    assert kept(long) == expected(COUNT + 1)
 
 
 def test_nothing_is_deleted_of_a_machine_that_stands_still(long):

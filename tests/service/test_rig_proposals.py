@@ -15,7 +15,7 @@ from test_unknown_assets import FIRST, WINDOWS, Replaying, unknown_of
 from service.cli import run
 from service.files.rig_difference import differences, digest_of
 from service.runtime.replay import replay
-from service.runtime.rigs import MOST_OFFERED, RIG_BYTES, OfferedRigs
+from service.runtime.rig_sources import MOST_OFFERED, RIG_BYTES, OfferedRigs
 
 UNSW = "/v1/assets/unsw"
 OTHER_LIFE = (b"max_depth = 5.0e-4", b"max_depth = 3.0e-4")

@@ -28,6 +28,7 @@ from service.results.stored_recordings import stored_recordings
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 from service.stream.assembly import DEFAULT
+from service.stream.wire.codec import encode
 
 pytestmark = [pytest.mark.s3, pytest.mark.skipif(s3_server.program() is None, reason=s3_server.MISSING)]
 
@@ -70,7 +71,7 @@ class Machine:
 
     def record(self, frames):
         for frame in frames:
-            self.spool.write(frame)
+            self.spool.write(frame.channel, frame.start_time_ns, frame.end_time_ns, encode(frame))
         self.spool.close()
 
     def sender(self, keep_bytes=10**9, keep_seconds=10**9):

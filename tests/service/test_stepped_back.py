@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-from contextlib import ExitStack
+import time
+from contextlib import ExitStack, suppress
 
 import fake_twin
 import pytest
 from postgresql_server import PostgresqlServer, programs
 from service_streams import Service, wait_until, write_recording
+from test_workers import Workers
 
 from service.cli import run
-from service.errors import SteppedBack
+from service.errors import DeliveryError, SteppedBack
 from service.json_text import plain
 from service.results.data_folder import DATABASE, SEGMENTS
 from service.runtime.assess import assess
@@ -186,6 +188,40 @@ def test_a_service_whose_server_fails_over_to_one_that_lags_ends_and_goes_on_fro
             assert running.wait_for_windows(WINDOWS) == expected
         finally:
             running.end(signal.SIGKILL)
+
+
+def _lose_what_only_others_wrote(server, url):
+    """All marks go but those of whoever writes while nothing comes, and all connections."""
+    name, since = url.rpartition("/")[2], time.time_ns()
+    newer = f"FROM commits WHERE writer NOT LIKE 'probe %%' AND written_ns > {since}"
+    wait_until(lambda: server.sql(f"SELECT count(*) {newer}", name)[0][0] > 0)
+    server.sql(f"DELETE FROM commits WHERE writer NOT LIKE 'probe %%' AND writer NOT IN (SELECT writer {newer})", name)
+    others = f"FROM pg_stat_activity WHERE datname = '{name}' AND pid <> pg_backend_pid()"
+    server.sql(f"SELECT count(pg_terminate_backend(pid)) {others}", name)
+
+
+@pytest.mark.slow
+def test_a_server_that_lacks_only_what_a_worker_process_had_committed_is_found_out_by_that_worker(
+    tmp_path, postgresql_server, postgresql
+):
+    """Whoever receives writes every two seconds while nothing comes, and may have lost nothing of its own."""
+    recording = write_recording(tmp_path / "short.mcap", WINDOWS, changed=(b'name = "unsw"', b'name = "plain"'))
+    running = Workers(tmp_path / "data", WORKERS="1", DATABASE=postgresql).start()
+    try:
+        replay(recording, [running.endpoint], 0)
+        expected = running.wait_for_windows(WINDOWS)
+        _lose_what_only_others_wrote(postgresql_server, postgresql)
+        write_recording(tmp_path / "other.mcap", 2, "other", changed=(b'name = "unsw"', b'name = "plain"'))
+        with suppress(DeliveryError):  # the service may end before all is stored
+            replay(tmp_path / "other.mcap", [running.endpoint], 0, wait=10.0)
+        assert running.process.wait(30) == 1
+        assert "does not have what it had confirmed" in running.said()[1]
+        running.start()
+        assert running.wait_for_windows(WINDOWS) == expected
+        replay(tmp_path / "other.mcap", [running.endpoint], 0)
+        running.wait_for_windows(2, "other")
+    finally:
+        running.end(signal.SIGKILL)
 
 
 def test_a_service_that_ends_because_its_database_stepped_back_is_one_that_is_to_be_started_again(monkeypatch, capsys):

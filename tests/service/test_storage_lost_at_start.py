@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from unittest.mock import patch
 
 import fake_twin
@@ -14,7 +13,7 @@ from test_other_parts import serving
 from service.errors import StorageUnavailable
 from service.json_text import plain
 from service.results.sql_store import SqlStore
-from service.runtime import storage_wait, storage_watch
+from service.runtime import storage_watch
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 
@@ -24,9 +23,7 @@ WINDOWS = 2
 @pytest.fixture
 def quick():
     """No long pauses between attempts."""
-    with ExitStack() as stack:
-        for module in (storage_wait, storage_watch):
-            stack.enter_context(patch.multiple(module, FIRST_PAUSE=0.001, LONGEST_PAUSE=0.01))
+    with patch.multiple(storage_watch, FIRST_PAUSE=0.001, LONGEST_PAUSE=0.01):
         yield
 
 

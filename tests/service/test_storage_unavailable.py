@@ -12,14 +12,18 @@ from contextlib import contextmanager
 
 import fake_twin
 import pytest
+from fleets import at_front, routed, worker
 from service_streams import Service, wait_until, write_recording
+from sqlalchemy import select
 
 from service.errors import StorageUnavailable
 from service.json_text import plain
 from service.results.data_folder import SEGMENTS
+from service.results.schema import ROLES
 from service.runtime.assess import assess
 from service.runtime.replay import replay
 from service.runtime.storage_watch import FIRST_PAUSE, LONGEST_PAUSE, StorageWatch
+from service.runtime.worker import LOOK
 
 WINDOWS = 6
 
@@ -99,7 +103,7 @@ def test_a_full_disk_is_waited_for_and_nothing_is_lost(tmp_path, recording, begu
             sent = sending(recording, running)
             wait_until(lambda: not_ready(running))
             time.sleep(2.0)
-            assert len(running.windows()) == 1 == len(list((disk / SEGMENTS).glob("*.mcap")))
+            assert len(running.windows()) == 1 == len(list((running.folder / SEGMENTS).glob("*.mcap")))
             assert sent.is_alive()
             filler.unlink()
             went_through_it(running, recording)
@@ -153,11 +157,13 @@ def test_a_limit_on_the_size_of_files_is_waited_for_as_a_full_disk_is(tmp_path, 
         replay(begun, [running.endpoint], 0)
         running.wait_for_windows(1)
         low = (50_000, resource.RLIM_INFINITY)
-        resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, low)
+        for process in running.process.all:
+            resource.prlimit(process, resource.RLIMIT_FSIZE, low)
         sending(recording, running)
         wait_until(lambda: not_ready(running))
         assert running.get("/healthz") is not None
-        resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+        for process in running.process.all:
+            resource.prlimit(process, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
         wait_until(running.ready)
         assert running.wait_for_windows(WINDOWS) == plain(assess(recording, twin=fake_twin.TWIN))["windows"]
     finally:
@@ -199,3 +205,28 @@ def test_a_cause_is_said_once_and_tried_again_with_growing_pauses(caplog):
     assert watch.reason is None and [r.message for r in caplog.records[2:]] == [
         "data can be used again: what waited has been kept"
     ]
+
+
+@pytest.mark.slow
+def test_a_worker_whose_disk_is_full_goes_on_to_say_so(tmp_path, fleet):
+    """Between attempts to keep windows, whose pauses grow, it would count as one that has ended."""
+
+    def row():
+        return next(iter(store.database.rows(select(ROLES.c.beat, ROLES.c.not_ready))), (0, None))
+
+    with (
+        mounted(tmp_path / "disk", "-t", "tmpfs", "-o", "size=2m", "tmpfs") as disk,
+        routed() as endpoint,
+        worker(tmp_path, fleet, endpoint, DATA=str(disk)),
+        at_front(fleet) as store,
+    ):
+        wait_until(lambda: row()[0] > 0 and row()[1] is None)
+        with (disk / "filler").open("wb", buffering=0) as file, pytest.raises(OSError, match="No space"):
+            while True:
+                file.write(bytes(4096))
+        wait_until(lambda: "no space" in (row()[1] or ""))
+        full = row()[0]
+        wait_until(lambda: row()[0] >= full + 8, 10 * LOOK)
+        assert "no space" in row()[1]
+        (disk / "filler").unlink()
+        wait_until(lambda: row()[1] is None)

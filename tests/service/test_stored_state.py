@@ -6,11 +6,11 @@ import copy
 import tomllib
 
 import pytest
-from loops import AtOnce, loop_of
+from loops import loop_of
 from segments import segment_of
 from service_streams import RIG
 
-from service.runtime.rigs import GivenRigs, Rigs, rig_change
+from service.runtime.rigs import GivenRigs, Rigs, named_differences, rig_change
 from service.runtime.twin_port import gear_twin
 from tests.stored_states import stored_state
 from twin.options import Options
@@ -26,13 +26,14 @@ from twin.windows import Window
     ],
 )
 def test_state_that_cannot_be_read_is_one_sentence_and_its_windows_go_on_waiting(store, tmp_path, harm, cure, caplog):
-    loop = loop_of(store, tmp_path, gear_twin(Options(trace=False)), AtOnce)
+    loop = loop_of(store, tmp_path, gear_twin(Options(trace=False)))
     for asset, state in (("bench", harm), ("unsw-rig", stored_state("unsw-rig").to_dict())):
         store.commit(asset, 1, record={"index": 0}, state=state, report={}, received_ns=1)
         loop.add(asset, segment_of(Window(start_time_ns=7)))
+    loop.carry_out()
     (said,) = [r.message for r in caplog.records]
     assert "stored state of bench cannot be read" in said and said.endswith(cure)
-    assert loop.turns.stopped == [("bench", said)]
+    assert loop.table.get("bench").damaged.reason == said
     assert len(store.windows("unsw-rig")) == 2 and len(loop.windows.waiting("bench")) == 1
 
 
@@ -69,15 +70,15 @@ class Nobody:
 
 def test_rig_file_of_other_gears_is_not_used_until_people_have_answered(learned, board):
     rigs = Rigs(learned, board, GivenRigs(all=(changed(gears__face_width=0.025), "mine.toml")))
-    assert rigs.named_differences("unsw", rigs.given.of("unsw")) == ["gears.face_width = 0.025 (was 0.02)"]
+    assert named_differences(learned.asset("unsw"), rigs.given.of("unsw")) == ["gears.face_width = 0.025 (was 0.02)"]
     assert rigs.of("unsw", Nobody()).get("gears.face_width") == 0.02
     assert learned.asset("unsw").rig == GIVEN and learned.last_event_id("unsw") == 0
 
 
-def test_question_about_other_gears_names_their_teeth_first(learned, board):
+def test_question_about_other_gears_names_their_teeth_first(learned):
     """A rig file of tooth counts alone was said to lack an addendum, a backlash, "and 15 more"."""
     given = {"gears": {"pinion": {"teeth": 23}, "gear": {"teeth": 57}}}
-    named = Rigs(learned, board, GivenRigs(all=(given, "mine.toml"))).named_differences("unsw", given)
+    named = named_differences(learned.asset("unsw"), given)
     assert named[:2] == ["gears.gear.teeth = 57 (was 52)", "gears.pinion.teeth = 23 (was 19)"]
     assert all("= absent" in line for line in named[2:-1]) and named[-1].endswith("more")
 

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-from pathlib import Path
 
 import pytest
 from test_whole import COMMAND, ROOT, answer_of, assert_same, differences, fetch, service
 
 from service.runtime.replay import replay
+from tests.rules import shared_folder
 
-SHARED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared"))
-RECORDING = SHARED / "campaigns" / "D07.mcap"  # eccentric gear from the start, misaligned shafts from 4000 on
+RECORDING = shared_folder() / "campaigns" / "D07.mcap"  # eccentric gear from the start, misaligned shafts from 4000 on
 PATIENCE = 240.0  # for the twin to take the campaign, tracing included [s]
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.shared,
     pytest.mark.timeout(900),
-    pytest.mark.skipif(not RECORDING.exists(), reason=f"no reference campaigns in {SHARED} (GEAR_TWIN_SHARED)"),
 ]
 
 

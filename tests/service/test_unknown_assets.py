@@ -28,7 +28,7 @@ from service.cli import run
 from service.errors import DeliveryError
 from service.results.offers import Offers
 from service.results.sql_store import SqlStore
-from service.results.unknown_assets import ASKED_WITHIN, NEXT_QUESTION, Unknown, UnknownAssets
+from service.results.unknown_assets import ASKED_WITHIN, NEXT_QUESTION, ON_THE_WAY, Unknown, UnknownAssets
 from service.runtime.replay import replay
 from service.settings import Settings
 from service.stream.inbox import Inbox
@@ -129,15 +129,45 @@ def test_rig_files_for_unknown_assets_are_bounded_in_all():
     assert sum(u.rig_bytes for u in kept) <= 2**21 and "a299" in {u.asset for u in kept}
 
 
-def test_a_publisher_that_keeps_its_frames_is_let_in_with_its_next_question_and_sends_all_of_them():
-    """Frames from the middle of a burst would be acknowledged with all before them."""
+@pytest.mark.parametrize("dismissed", [False, True])
+def test_a_publisher_that_keeps_its_frames_is_let_in_by_a_question_after_a_pause_and_sends_all_of_them(dismissed):
+    """Frames from the middle of a burst would be acknowledged with all before them, and those on their way when it asks
+    would have closed windows before these come again.
+    """
     clock, known = Clock(), set()
     unknown = asking(known, clock)
     assert not unknown.asked("new") and not unknown.admits("new", "accel/y6")
+    if dismissed:
+        unknown.dismiss("new", round(clock.now * 1e9))
+        assert not unknown.admits("new", "accel/y6")
     known.add("new")
     assert not unknown.admits("new", "accel/y6") and not unknown.renewed("new")
+    assert not unknown.asked("new")
+    clock.now += 0.9 * ON_THE_WAY
+    assert not unknown.admits("new", "accel/y6") and not unknown.asked("new")  # sent before the question
+    clock.now += 1.1 * ON_THE_WAY
     assert unknown.asked("new") and unknown.renewed("new") and unknown.admits("new", "accel/y6")
     assert listed(unknown) == {}
+
+
+def test_an_asset_of_which_nothing_was_left_out_is_let_in_by_the_first_question():
+    known = set()
+    unknown = asking(known, Clock())
+    known.add("new")
+    assert unknown.asked("new") and unknown.admits("new", "accel/y6")
+
+
+def test_a_publisher_that_never_pauses_is_waited_for_no_longer_than_one_that_asks_no_more():
+    clock, known = Clock(), set()
+    unknown = asking(known, clock)
+    assert not unknown.asked("new")
+    known.add("new")
+    answers = []
+    end = clock.now + NEXT_QUESTION + 1.0
+    while clock.now < end:
+        answers.append(unknown.admits("new") and unknown.asked("new"))
+        clock.now += 0.1
+    assert answers[0] is False and answers[-1] is True
 
 
 def test_a_plain_publisher_is_let_in_at_once_and_one_that_asks_no_more_is_waited_for_a_while():
@@ -177,7 +207,7 @@ def test_config_prints_the_rule_that_holds_and_why(tmp_path, capsys):
     assert run(["config", "--config", str(file)]) == 0
     said = capsys.readouterr().out
     assert 'new = "ask"' in said and "other computers can reach http = 0.0.0.0" in said
-    assert f'rigs = {{ "press-2" = "{tmp_path / "p.toml"}" }}' in said  # beside the file
+    assert f'rigs = {{press-2 = "{tmp_path / "p.toml"}"}}' in said  # beside the file
 
 
 # -- the service -----------------------------------------------------------------------------------------
@@ -287,7 +317,7 @@ def test_renamed_assets_are_known_under_their_earlier_name(tmp_path, network, re
         assert revolutions(running.wait_for_windows(WINDOWS, "press-7")) == FIRST
     with serving(data, network, SqliteFile(data), **given) as running:
         assert [a["asset"] for a in running.get("/v1/assets")] == ["press-7"]
-        assert position(running, network)["accepting"] is True
+        wait_until(lambda: position(running, network)["accepting"] is True)
 
 
 @pytest.mark.slow
@@ -479,8 +509,9 @@ def test_a_service_that_receives_twenty_thousand_names_grows_no_more(tmp_path):
     running = Service(tmp_path, NEW_ASSETS="ask").start()
 
     def size():
-        lines = (Path("/proc") / str(running.process.pid) / "status").read_text().splitlines()
-        return int(next(line for line in lines if line.startswith("VmRSS")).split()[1]) / 1024  # [MB]
+        files = [Path("/proc") / str(process) / "status" for process in running.process.all]
+        lines = [line for file in files for line in file.read_text().splitlines() if line.startswith("VmRSS")]
+        return sum(int(line.split()[1]) for line in lines) / 1024  # [MB]
 
     def disk():
         paths = [path for path in tmp_path.rglob("*") if path.is_file() and path != running.err]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from types import SimpleNamespace
 
@@ -15,8 +14,6 @@ from service.contract.status import data_of
 from service.results.snapshot import Snapshot, Waiting
 from service.results.window_jobs import Backlog
 from service.runtime.backlog_watch import BacklogWatch, waiting_of
-from service.runtime.computing import Turn, Turned
-from service.runtime.computing_threads import Threads
 from service.runtime.positions import ClosedWindows, Positions
 from service.stream.inbox import Inbox
 
@@ -69,18 +66,16 @@ def test_what_waits_is_what_can_be_assessed_and_has_waited(given, at_work, expec
 
 
 def test_board_shows_what_waits_and_that_it_no_longer_does():
-    board, published, now = fakes.scratch_table(), [], [0.0]
+    board, now = fakes.scratch_table(), [0.0]
     board.update("fan", quality={})
     board.update("pump-3", quality={})
     waiting = {"fan": waits(), "unknown": waits()}
     backlogs = SimpleNamespace(all=waiting, of=lambda asset: waiting.get(asset, Backlog()))
     unusable = [None]
-    computing = SimpleNamespace(at_work=lambda: ("pump-3",), unusable=lambda: unusable[0])
-    watch = BacklogWatch(
-        backlogs, computing, board, SimpleNamespace(publish=published.append), clock=lambda: now[0]
-    )  # fmt: skip
+    workers = SimpleNamespace(at_work=lambda: ("pump-3",), unusable=lambda: unusable[0])
+    watch = BacklogWatch(backlogs, workers, board, clock=lambda: now[0])
     watch()
-    assert board.get("fan").whole["data"]["waiting"]["behind"] == ["pump-3"] and published == ["fan"]
+    assert board.get("fan").whole["data"]["waiting"]["behind"] == ["pump-3"]
     assert board.get("fan").summary()["reason"].startswith("6 windows wait") and board.get("unknown") is None
     now[0], unusable[0] = 1.0, "no worker process can be started: no memory"
     watch()
@@ -92,24 +87,7 @@ def test_board_shows_what_waits_and_that_it_no_longer_does():
     now[0] = 2.5
     watch()
     assert board.get("fan").waiting is None and board.get("fan").whole["data"]["level"] == "waiting"
-    assert "no whole measurement window" in board.get("fan").whole["data"]["reason"] and published == ["fan"] * 3
-
-
-def test_threads_say_which_assets_they_are_at_work_on():
-    begun, go = threading.Event(), threading.Event()
-
-    def work(turn):
-        begun.set()
-        go.wait(10)
-        return Turned(asset=turn.asset)
-
-    threads, done = Threads(1, work, lambda: None), []
-    threads.start(Turn(asset="pump-3"), done.append)
-    assert begun.wait(10) and threads.at_work() == ("pump-3",)
-    go.set()
-    while not done:
-        threads.collect()
-    assert threads.at_work() == () and done == [Turned(asset="pump-3")]
+    assert "no whole measurement window" in board.get("fan").whole["data"]["reason"]
 
 
 def test_position_says_how_many_windows_wait_now():

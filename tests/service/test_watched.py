@@ -18,13 +18,14 @@ from test_api import Client
 from test_health import get
 
 from service.api import create_app
-from service.operation.health import HTTP, LOOPS, RECEPTION, RETENTION, WORKERS, Health
+from service.operation.health import HTTP, LOOPS, RECEPTION, WEBHOOKS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
 from service.runtime.replay import replay
+from service.runtime.role_process import Others, RoleState
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
+from service.runtime.work_processes import MOST_DEATHS, WORK, WorkProcesses
 from service.runtime.worker import Worker
-from service.runtime.worker_processes import MOST_DEATHS, Processes
 
 
 @pytest.fixture
@@ -76,7 +77,7 @@ def test_a_service_is_not_ready_long_before_a_hung_loop_makes_it_not_alive(clock
     beat, ended = health.loop(RECEPTION), threading.Thread(target=lambda: None)
     of = SimpleNamespace(
         _reason=None, _lost=lambda: None, _storage=StorageWatch("data"), _health=health,
-        _computing=SimpleNamespace(unusable=lambda: None),
+        _workers=SimpleNamespace(unusable=lambda: None),
     )  # fmt: skip
     assert Worker.not_ready(of) is None
     if what == "a loop that hangs":
@@ -85,20 +86,20 @@ def test_a_service_is_not_ready_long_before_a_hung_loop_makes_it_not_alive(clock
         beat()
         assert Worker.not_ready(of) is None
     else:
-        health.thread(RETENTION, ended)
-        assert f"{RETENTION}: no turn since" in Worker.not_ready(of)
+        health.thread(WEBHOOKS, ended)
+        assert f"{WEBHOOKS}: no turn since" in Worker.not_ready(of)
 
 
 def test_thread_that_has_ended_makes_the_service_not_alive_and_one_that_waits_for_work_does_not(clock):
     health, over = Health(30.0, clock), threading.Event()
     thread = threading.Thread(target=over.wait)
     thread.start()
-    health.thread(RETENTION, thread)
+    health.thread(WEBHOOKS, thread)
     clock.now += 1000.0
     assert health.late() == []
     over.set()
     thread.join()
-    assert [late.name for late in health.late()] == [RETENTION]
+    assert [late.name for late in health.late()] == [WEBHOOKS]
 
 
 def test_watchdog_is_told_a_third_of_its_time_before_it_bites_and_not_while_a_loop_hangs(told, monkeypatch, clock):
@@ -106,7 +107,7 @@ def test_watchdog_is_told_a_third_of_its_time_before_it_bites_and_not_while_a_lo
     assert watchdog_pause() == pytest.approx(20.0)
     health = Health(30.0, clock)
     health.loop(RECEPTION)
-    watchdog = Watchdog(health, clock)
+    watchdog = Watchdog(health, clock=clock)
     watchdog()
     assert told() == ALIVE
     watchdog()
@@ -154,19 +155,19 @@ def test_systemd_is_told_of_readiness_life_and_the_end_which_takes_less_than_ten
 
 
 def test_storage_that_cannot_be_used_is_in_the_status_of_every_asset_until_it_is_back(store, board):
-    class Published(list):
-        publish = list.append
-
     for asset in ("one", "two"):
         fakes.take(store, board, asset, 0, 100.0)
-    before, published, storage = board.get("one").whole, Published(), StorageWatch("/data")
-    show = StorageStatus(storage, board, published)
-    show()
-    assert before["storage"] is None and published == []
-    storage.failed(OSError(28, "No space left on device"))
-    show()
-    show()
-    assert published == ["one", "two"]
+    before, storage = board.get("one").whole, StorageWatch("/data")
+    show = StorageStatus(storage, board)
+    with board.follow(fleeting=False) as published:
+        published.take(0)
+        show()
+        assert before["storage"] is None and published.take(0) == ()
+        storage.failed(OSError(28, "No space left on device"))
+        show()
+        assert sorted(published.take(0)) == ["one", "two"]
+        show()
+        assert published.take(0) == ()
     answer = get(board, store, "/v1/assets/one").json()
     assert "No space left" in answer["storage"]["reason"] and answer["storage"]["since"].endswith("Z")
     (found,) = [f for f in answer["status"]["findings"] if f["subject"] == "storage"]
@@ -174,29 +175,37 @@ def test_storage_that_cannot_be_used_is_in_the_status_of_every_asset_until_it_is
     assert answer["data"] == before["data"]
     storage.worked()
     show()
-    assert board.get("one").whole == before and published == ["one", "two"] * 2
+    assert board.get("one").whole == before
 
 
-@pytest.mark.slow
 def test_workers_that_die_of_everything_make_the_service_not_ready():
-    processes = Processes(1, None, task_limit=1.0, cache_bytes=1, wake=lambda: None)
-    try:
-        assert processes.unusable() == "the first worker process is being started"
-        processes.collect()
-        wait_until(lambda: processes.collect() or processes.unusable() is None)
-        processes._in_a_row = MOST_DEATHS
-        assert "ended their worker processes" in processes.unusable()
-    finally:
-        processes.close()
+    others, state = Others(), RoleState(process=1, lives=True)
+    processes = WorkProcesses(1, others)
+    assert processes.unusable() == "the first worker process is being started"
+    others.take(WORK, state, {"living": 1, "in_a_row": 0})
+    assert processes.unusable() is None
+    others.take(WORK, state, {"living": 1, "in_a_row": MOST_DEATHS})
+    assert "ended their worker processes" in processes.unusable()
+    others.take(WORK, RoleState(unstarted="OSError: no memory"), {"living": 1, "in_a_row": 0})
+    assert processes.unusable() == "no worker process can be started: OSError: no memory"
+
+
+def test_deaths_of_workers_are_counted_over_the_processes_that_fork_them():
+    others = Others()
+    processes = WorkProcesses(1, others)
+    for deaths in (2, 3, 0, 1):
+        others.take(WORK, RoleState(process=1), {"deaths": deaths})
+        last = processes.figures()["worker_deaths"]
+    assert last == 4
 
 
 @pytest.mark.slow
 def test_service_that_was_suspended_is_alive_again_at_once(tmp_path):
     with service(tmp_path / "data", LOOP_LIMIT="5") as running:
         assert running.get("/healthz") == {"status": "ok"}
-        os.kill(running.process.pid, signal.SIGSTOP)
+        running.process.send_signal(signal.SIGSTOP)
         time.sleep(7.0)
-        os.kill(running.process.pid, signal.SIGCONT)
+        running.process.send_signal(signal.SIGCONT)
         wait_until(lambda: running.get("/healthz") == {"status": "ok"})
 
 
@@ -223,7 +232,7 @@ def test_loop_that_hangs_in_a_running_service_is_named_no_watchdog_is_told_and_i
         os.mkfifo(pipe)
         sender = threading.Thread(target=replay, args=(recording, [running.endpoint], 0))
         sender.start()
-        wait_until(lambda: health_of(running) == (503, {RECEPTION, WORKERS}), 30.0)
+        wait_until(lambda: health_of(running) == (503, {RECEPTION}), 30.0)
         drained(told, 1.0)  # what had been told before
         assert drained(told, 2.0) == [] and health_of(running)[0] == 503
         assert running.get("/v1/assets") is not None  # HTTP answers

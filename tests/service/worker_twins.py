@@ -9,15 +9,15 @@ import time
 import warnings
 from dataclasses import replace
 from functools import partial
-from multiprocessing import parent_process
 from pathlib import Path
 
 import fake_twin
 
 from service.errors import StorageUnavailable
 from service.results.asset_table import AssetTable
-from service.results.jobs import WINDOW
+from service.results.schema import WINDOW
 from service.results.sql_store import SqlStore
+from service.runtime import role_process
 from service.runtime.commits import Commits
 from twin.observed import TRACING, part
 
@@ -95,15 +95,18 @@ def struck(where, kind, number, mark):
 
     def strike(here):
         if (here, kinds[-1]) == (where, kind) and not Path(mark).exists():
-            Path(mark).write_text(str(os.getpid()))
+            written = Path(f"{mark}.new")
+            written.write_text(str(os.getpid()))
+            written.rename(mark)
             if not int(number):
                 raise StorageUnavailable("the disk is full", reason="no space")
             os.kill(os.getpid(), int(number))
 
     def committed(self, outcome, job=None, marks=None):
         kinds.append(WINDOW if job is None else job.kind)
-        commit(self, outcome, job, marks)
+        is_new = commit(self, outcome, job, marks)
         strike("after")
+        return is_new
 
     def written(self, snapshot):
         version = write(self, snapshot)
@@ -130,10 +133,13 @@ def opened(file, mark):
 
 
 def make(options, strike=None):
-    """A twin, for a worker process; `strike` is what `struck` takes, as text."""
-    if strike is not None and parent_process() is not None:
+    """A twin; for a worker process, `strike` is what `struck` takes, as text."""
+    if strike is not None and role_process._channel is not None:
         struck(*strike.split()) if " " in strike else dies_thrice(Path(strike))
     return replace(fake_twin.TWIN, step=step, options=options, make=partial(make, strike=strike))
+
+
+TWIN = make(None)
 
 
 if __name__ == "__main__":

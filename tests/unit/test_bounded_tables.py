@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 from service.runtime.reception import Reception
-from service.runtime.worker_processes import MOST_ASSETS, _Worker
 
 ROOT = Path(__file__).parents[2]
 
@@ -16,14 +15,6 @@ def test_what_is_asked_of_an_asset_without_frames_is_not_kept_and_looks_no_rig_u
     assert not list(reception.channels("a")) and reception.last_arrival_ns("a") is None
     assert reception.ended_ns("a") == 7
     assert not looked and reception.assets == []
-
-
-def test_a_worker_gives_up_the_asset_asked_for_longest_ago():
-    worker = _Worker()
-    for number in range(MOST_ASSETS + 3):
-        worker.with_asset("first").with_asset(f"a{number}")
-    assert len(worker.assets) == MOST_ASSETS and {"first", f"a{MOST_ASSETS + 2}"} <= worker.assets.keys()
-    assert "a0" not in worker.assets
 
 
 def test_a_command_of_tests_says_nothing_that_the_command_itself_does_not():

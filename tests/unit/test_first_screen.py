@@ -10,7 +10,7 @@ from service.contract.answer import assemble, report_of
 from service.contract.finding import MOST_WORDS, shortened
 from service.contract.overview import overview
 from service.contract.status import of_wear_alone, status_of
-from service.report import report_of as paper_of
+from service.report.content import report_of as paper_of
 from service.report.text import answer_text
 from tests.unit.test_status import HEALTHY, effect, life, wear
 from tests.unit.test_verdict_window import NOT_ASSESSED, START, Rhythm, followed, judged

@@ -30,7 +30,7 @@ def test_a_start_of_the_service_loads_nothing_that_only_drawing_or_computing_nee
     later = {
         "matplotlib", "PIL", "scipy", "pandas", "alembic", "twin.step", "twin.tracing.trace",
         "service.contract.estimate", "service.signals.pictures", "service.report.content",
-        "httpx", "tenacity",  # messages about alarms, and storage that is away
+        "httpx", "tenacity",  # messages about alarms
         "service.results.raw_recordings",  # recordings
         "sqlalchemy.dialects.postgresql",
     }  # fmt: skip

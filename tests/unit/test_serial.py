@@ -3,15 +3,17 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from fractions import Fraction
+from typing import Annotated, Any
 
+import numpy as np
 import pytest
 
 from twin.assessment import Interval, LevelReading, Unavailable
 from twin.effects import EFFECTS
 from twin.effects.response import Effect
 from twin.effects.size_law import SizeLaw
-from twin.serial import Misfit, Named, Packed, from_plain, to_plain
+from twin.serial import Misfit, Named, Packed, from_parts, from_plain, to_parts, to_plain
 
 Lines = Annotated[tuple[tuple[float, complex], ...], Packed("f8,c16")]
 
@@ -65,6 +67,25 @@ def test_numbers_that_occur_again_are_written_once_and_are_one_tuple():
     assert len(plain["arrays"]) == 2 and plain["lines"] == plain["others"]
     again = from_plain(Nest, plain)
     assert again.lines is again.others
+
+
+@dataclass(frozen=True)
+class Kept:
+    order: Fraction
+    by_pair: Mapping[tuple[str, str], float]
+    array: np.ndarray | None
+    known: Mapping[str, Any]
+
+
+def test_fractions_arrays_pairs_and_what_is_anything_come_back():
+    array = np.array([[1.0 + 0j, -0.0 + 1e-300j]])
+    given = Kept(Fraction(20, 33), {("gain", "a"): 1.5}, array, {"gears": {"pinion": {"teeth": 19}}})
+    assert repr(from_plain(Kept, through_json(given))) == repr(given)
+    fields, arrays = to_parts(given)
+    assert arrays == [array.tobytes()] and repr(from_parts(Kept, fields, arrays)) == repr(given)
+    for harm in ({"order": "1/0"}, {"order": []}, {"array": [0, "O", [1]]}, {"array": [0, "<c16", [3]]}, {"array": 5}):
+        with pytest.raises(Misfit, match=f"{next(iter(harm))} (must be a fraction|is no array)"):
+            from_parts(Kept, fields | harm, arrays)
 
 
 def test_zero_and_its_negative_are_not_the_same_numbers():

@@ -10,7 +10,7 @@ import pytest
 
 from service.contract.answer import Asset, assemble
 from service.contract.estimate import step
-from service.files.recorded_rig import rig_of
+from service.files.rig import rig_of
 from service.report.content import WINDOW_COLUMNS, window_rows
 from service.stream.sources.mcap import Recording, read_windows
 from twin.assessment import Unexplained

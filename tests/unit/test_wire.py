@@ -10,7 +10,7 @@ from streams import ACCEL, ASSET, CHANNELS, frame
 
 from service.errors import FrameError
 from service.stream.channels import CHANNEL_KINDS
-from service.stream.frames import EncoderFrame, SampleFrame
+from service.stream.frames import EncoderFrame, SampleFrame, in_channel
 from service.stream.wire import codec
 from service.stream.wire import gearbox_pb2 as pb
 from service.stream.wire.codec import decode, encode, encoding_of, head_of, quick_head_of, schema_data, schema_fault
@@ -32,6 +32,7 @@ def test_a_frame_survives_encoding_to_the_last_bit(channel):
         before, after = getattr(sent, name), getattr(received, name)
         assert np.array_equal(before, after), name
     assert encode(received) is payload  # as it came, without a copy
+    assert encode(in_channel(received, channel._replace(asset="press-7"))) is payload  # under another name, too
     assert encode(dataclasses.replace(received, sequence=4)) == encode(dataclasses.replace(sent, sequence=4)) != payload
 
 

@@ -1,6 +1,5 @@
 """Measured machines of which little is known: what is found in them, and what is not."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from service.files.baseline import compared, learned, lines_of_no_shaft, load
 from service.files.import_recording import import_recording
 from service.files.relation import answer, tried_on
 from service.files.series import load_series
+from tests.rules import shared_folder
 from twin.baseline.comparison import compare_with_baseline, described, pair_shafts, tracked
 from twin.baseline.spacing import unattributed_spacings
 from twin.baseline.spacing_search import SpacingSearchThresholds, search, spectra
@@ -20,9 +20,9 @@ from twin.levels.trials import LEAST_GAIN
 
 CAGE = 0.39602  # third of the order of the 28-channel rig's modulation
 ROOT = Path(__file__).parents[2]
-MEASURED = Path(os.environ.get("GEAR_TWIN_SHARED", ROOT.parent / "shared")) / "measured"
+MEASURED = shared_folder() / "measured"
 MAPPINGS = ROOT / "recordings" / "mappings"
-needs = pytest.mark.skipif(not MEASURED.is_dir(), reason=f"the measured sets are not in {MEASURED} (GEAR_TWIN_SHARED)")
+needs = pytest.mark.shared
 
 
 @pytest.fixture(scope="module")

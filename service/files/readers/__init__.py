@@ -17,14 +17,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.errors import InputError
+from service.files.readers.arrays import read_hdf5, read_mdf, read_npy, read_npz, read_parquet, read_tdms
 from service.files.readers.contents import said_by
-from service.files.readers.hdf5 import read_hdf5
 from service.files.readers.mat import is_level_4, read_mat, read_mat73
-from service.files.readers.mdf import read_mdf
-from service.files.readers.numpy_files import read_npy, read_npz
-from service.files.readers.parquet import read_parquet
 from service.files.readers.table import Column, Table, unique_names
-from service.files.readers.tdms import read_tdms
 from service.files.readers.text import NoNumbers, read_text
 from service.files.readers.text_form import TextForm
 from service.files.readers.uff import read_uff

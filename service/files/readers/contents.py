@@ -21,7 +21,7 @@ import numpy as np
 
 from service.files.dates import stated_in
 from service.files.readers.stored import Row, StoredRow, changed, pieces, stored
-from service.files.readers.table import Column, Table, array_columns, group_of
+from service.files.readers.table import Column, Table, columns_of_array, group_of
 from service.printable import printable
 
 UNITS = ("unit", "units", "unitstring", "niunitdescription", "unitlabel")
@@ -33,7 +33,6 @@ STEPS = ("dt", "timestep", "sampleinterval", "samplinginterval", "sampleperiod",
     "increment", "deltat")  # fmt: skip
 TIMES = ("t", "time", "x", "zeit")  # names beside a signal that are no signal
 SAID = 200  # of what a library says of a broken file [characters]
-ONE, NONE = np.ones(1), np.empty(0)
 LIKE_A_SCALE = re.compile(r"scal|offset|gain|sensitiv|calib|slope|conver|factor|fill|missing|valid|range", re.I)
 USED = {"scalefactor", "addoffset", "fillvalue", "missingvalue", "validmin", "validmax", "validrange"}
 
@@ -89,34 +88,28 @@ def as_stated(name: str, values: Row, stated: Mapping[str, Any]) -> tuple[Row, l
     if not given or values.dtype.kind not in "fiu":
         return values, notes
     unsigned = str(stated.get("_Unsigned", "")).lower() == "true" and values.dtype.kind == "i"
-    change = partial(_unpacked, unsigned=unsigned, **given)
-    out = changed(values, change)
+    out = changed(values, lambda part: _unpacked(part, unsigned, given))
     if set(given) - {"scalefactor", "addoffset"}:
         lost = sum(int(np.count_nonzero(np.isnan(part))) for part in pieces(out))
         notes += [f"{name!r}: {lost} of {out.size} values are missing, as the file states"] if lost else []
     return out, notes
 
 
-def _unpacked(
-    values: np.ndarray,
-    *,
-    unsigned: bool,
-    scalefactor: np.ndarray = ONE,
-    addoffset: np.ndarray = NONE,
-    fillvalue: np.ndarray = NONE,
-    missingvalue: np.ndarray = NONE,
-    validmin: np.ndarray = NONE,
-    validmax: np.ndarray = NONE,
-    validrange: np.ndarray = NONE,
-) -> np.ndarray:
+def _unpacked(values: np.ndarray, unsigned: bool, given: Mapping[str, np.ndarray]) -> np.ndarray:
     """Stored values with their scale and offset, NaN where the file says that there is none."""
+
+    def first(key: str, default: float) -> float:
+        return float(given[key][0]) if key in given else default
+
     if unsigned:
         values = values.view(values.dtype.str.replace("i", "u"))
     out = np.array(values, dtype=float)
-    limits = validrange if validrange.size == 2 else (-np.inf, np.inf)
-    low, high = (*validmin, limits[0])[0], (*validmax, limits[1])[0]
-    missing = np.isin(out, np.concatenate([fillvalue, missingvalue])) | (out < low) | (out > high)
-    out = out * scalefactor[0] + (*addoffset, 0.0)[0]
+    ends = given.get("validrange", np.empty(0))
+    limits = ends if ends.size == 2 else (-np.inf, np.inf)
+    missing = (out < first("validmin", limits[0])) | (out > first("validmax", limits[1]))
+    for key in ("fillvalue", "missingvalue"):
+        missing |= np.isin(out, given.get(key, ()))
+    out = out * first("scalefactor", 1.0) + first("addoffset", 0.0)
     out[missing] = np.nan
     return out
 
@@ -141,22 +134,13 @@ class Contents:
     numbers: dict[str, float] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    starts: dict[str, datetime] = field(default_factory=dict)  # of columns that have one of their own
     entries: list[tuple[str, Any]] = field(default_factory=list)  # by name, in which the file may state its date
 
-    def add(
-        self,
-        name: str,
-        read: Callable[[], Any],
-        stated: Mapping[str, Any] | None = None,
-        *,
-        unit: str = "",
-        rate: float | None = None,
-        start: float = 0.0,
-        started: datetime | None = None,
-        times: Row | None = None,
-    ) -> None:
-        """One part: its values are had by `read`, whose failure leaves this part out; `stated` are its properties."""
+    def add(self, name: str, read: Callable[[], Any], stated: Mapping[str, Any] | None = None, **known: Any) -> None:
+        """One part: its values are had by `read`, whose failure leaves this part out; `stated` are its properties.
+
+        known  fields of its `Column` that its properties do not state; None of those that nothing is known of
+        """
         stated = stated or {}
         self.entries += stated.items()
         try:
@@ -168,15 +152,15 @@ class Contents:
             return
         if isinstance(array, np.ndarray) and array.dtype.names:
             for part in array.dtype.names:
-                self.add(
-                    f"{name}.{part}", partial(getitem, array, part), stated, rate=rate, start=start, started=started
-                )
+                self.add(f"{name}.{part}", partial(getitem, array, part), stated, **known)
             return
         is_time = array.dtype.kind in "mM"
+        about: dict[str, Any] = {"unit": unit_in(stated), "rate": rate_in(stated), "is_time": is_time}
+        about |= {key: value for key, value in known.items() if value is not None}
         if array.size and (array.size == 1 or is_time):
             self.entries.append(("date" if is_time else name, np.ravel(array[:1] if array.ndim else array)[0]))
         if is_time and array.size > 1:
-            array, unit = _seconds(array if array.ndim == 1 else np.ravel(array)), "s"
+            array, about["unit"] = _seconds(array if array.ndim == 1 else np.ravel(array)), "s"
         if array.size == 1 and array.dtype.kind in "fiub":
             self.numbers[name] = float(np.asarray(array).item())
             return
@@ -184,21 +168,17 @@ class Contents:
             array = stored(array)
         array, notes = as_stated(name, array, stated)
         self.notes += notes
-        columns = array_columns(name, array, unit or unit_in(stated), rate or rate_in(stated), start)
+        columns = columns_of_array(Column(name=name, values=array, **about))
         if not columns:
             self.left_out[name] = why_no_column(np.asarray(array))
-        for column in columns:
-            self.columns.append(replace(column, times=times, is_time=is_time))
-            if started is not None:
-                self.starts[column.name] = started
+        self.columns += columns
 
     def table(self, started: datetime | None = None) -> Table:
         """The file; each column that has a start of its own begins there, the file with the first of them."""
-        first = min(self.starts.values(), default=started) or stated_in(self.entries)
+        first = min((c.started for c in self.columns if c.started), default=started) or stated_in(self.entries)
         columns = []
         for column in self.columns:
-            own = self.starts.get(column.name)
-            later = (own - first).total_seconds() if own is not None and first is not None else 0.0
+            later = (column.started - first).total_seconds() if column.started and first else 0.0
             rate = column.rate or self._rate_beside(column)
             unit = column.unit or self._unit_beside(column)
             columns.append(replace(column, start=column.start + later, rate=rate, unit=unit))

@@ -116,11 +116,6 @@ def stored(row: Row) -> Row:
     return row if isinstance(row, StoredRow) or row.size <= SHORT else row_of(pieces(row))
 
 
-def in_memory(row: StoredRow) -> Row:
-    """A row that is read from the measurement file itself; an array where it is short."""
-    return np.asarray(row) if row.size <= SHORT else row
-
-
 def read_in_pieces(source: Any, size: int) -> Row:
     """A row of what can be sliced and is read only then, such as a data set of a library."""
     return row_of(source[a : a + PIECE] for a in range(0, size, PIECE)) if size > SHORT else source[:]

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
 
 from service.files.readers.stored import Row, StoredRow, stored
+from service.files.units import UNIT_NAMES
 from service.printable import printable
 
 MOST_COLUMNS = 256  # of one two-dimensional array: a larger one is no row of channels
-UNIT_NAMES = {
-    "s", "sec", "ms", "us", "µs", "μs", "ns", "min", "h", "v", "mv", "µv", "g", "mg", "gn", "gs", "m/s2", "m/s^2",
-    "m/s²", "m/s**2", "ms-2", "m·s-2", "ms^-2", "mm/s", "m/s", "mm/s2", "mm/s^2", "mm/s²", "um", "µm", "mm", "m", "nm",
-    "n.m", "n·m", "n*m", "n-m", "ncm", "knm", "lbf.in", "in-lb", "ft-lb", "rpm", "1/min", "/min", "min-1", "rev/min",
-    "u/min", "1/s", "hz", "khz", "pa", "kpa", "bar", "a", "ma", "w", "kw", "%", "°", "deg", "rad", "rev", "count",
-    "counts", "degc", "°c", "c", "degf", "°f", "k", "-", "",
-}  # fmt: skip
-
 _IN_BRACKETS = re.compile(r"[\[(](?P<unit>[^\[\]()]*)[\])]")
 _AT_THE_END = re.compile(
     r"^(?P<name>.*[\w.)])(?:\s+in\s+|\s*/\s+|,\s*|_)"
@@ -39,6 +32,7 @@ class Column:
     start: float = 0.0  # time of the first value after the file's start [s]
     times: Row | None = None  # of each value, after the file's start (n,) [s]
     is_time: bool = False  # the file's type says that the values are times
+    started: datetime | None = None  # of a column that has a start of its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,22 +92,17 @@ def rounded_rate(rate: float, uncertainty: float) -> float:
     return rate
 
 
-def array_columns(
-    name: str, values: Row, unit: str = "", rate: float | None = None, start: float = 0.0
-) -> list[Column]:
+def columns_of_array(column: Column) -> list[Column]:
     """The columns of an array: itself; of one with two dimensions `name[1]`, `name[2]`, … along the longer of them."""
-    array = values if isinstance(values, StoredRow) else np.squeeze(np.asarray(values))
+    array = column.values if isinstance(column.values, StoredRow) else np.squeeze(np.asarray(column.values))
     if array.dtype.kind not in "fiub" or array.size < 2 or (isinstance(array, np.ndarray) and array.ndim > 2):
         return []
     if isinstance(array, StoredRow) or array.ndim == 1:
-        return [Column(name=name, values=array, unit=unit, rate=rate, start=start)]
+        return [replace(column, values=array)]
     rows = array if array.shape[0] <= array.shape[1] else array.T
     if rows.shape[0] > MOST_COLUMNS:
         return []
-    return [
-        Column(name=f"{name}[{i}]", values=stored(row), unit=unit, rate=rate, start=start)
-        for i, row in enumerate(rows, start=1)
-    ]
+    return [replace(column, name=f"{column.name}[{i}]", values=stored(row)) for i, row in enumerate(rows, start=1)]
 
 
 def unique_names(names: list[tuple[str, str]]) -> list[str]:

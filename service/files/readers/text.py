@@ -15,11 +15,10 @@ from typing import BinaryIO, TextIO, cast
 
 import numpy as np
 
-from service.files.dates import stated_in
-from service.files.readers.printed_times import seconds_of
+from service.files.dates import seconds_of, stated_in
 from service.files.readers.stored import GrowingRow
 from service.files.readers.table import Column, Table
-from service.files.readers.text_form import MISSING, Layout, TextForm, cells_of, is_number, layout_of, stated_rate
+from service.files.readers.text_form import MISSING, MOMENT, NUMBER, Layout, TextForm, layout_of, stated_rate
 
 BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
 
@@ -51,19 +50,19 @@ def read_text(path: Path, form: TextForm | None = None) -> Table:
         if len(first) < 2:
             raise NoNumbers("it has one row of numbers")
         filled = [i for i in range(len(layout.names)) if not _is_blank(layout, first, i)]
-        chosen = [i for i in filled if layout.numeric[i] or layout.moments[i]]
+        chosen = [i for i in filled if layout.kinds[i]]
         found = _Columns(layout, chosen)
         rows = first
         while rows:
             later = [line for line in next(parts, []) if line.strip()]
-            if not later and len(cells_of(rows[-1], layout.separator)) != len(layout.names):
+            if not later and len(layout.signs.cells(rows[-1])) != len(layout.names):
                 rows, found.notes = rows[:-1], ("the last row is cut off and left out",)
             found.take(rows)
             rows = later
     left_out = {layout.names[i]: _no_number(first, layout, i) for i in filled if i not in chosen}
     rate = stated_rate(lines[: layout.first])
-    cells = cells_of(first[0], layout.separator)
-    texts = [(layout.names[i], cells[i]) for i in filled if not layout.numeric[i] and not layout.moments[i]]
+    cells = layout.signs.cells(first[0])
+    texts = [(layout.names[i], cells[i]) for i in filled if not layout.kinds[i]]
     started = found.started or stated_in([*texts, *map(_entry, lines[: layout.first])])
     return Table(
         format="CSV", columns=found.columns(), rate=rate, notes=found.notes, left_out=left_out, started=started
@@ -78,7 +77,7 @@ class _Columns:
         self.started: datetime | None = None
         self.notes: tuple[str, ...] = ()
         self._rows = 0
-        self._numeric = [i for i in chosen if layout.numeric[i]]
+        self._numeric = [i for i in chosen if layout.kinds[i] == NUMBER]
         self._growing = {i: GrowingRow() for i in chosen}
         self._last: dict[int, tuple[str, float]] = {}  # of columns of times: cell and seconds of the row before
 
@@ -86,7 +85,7 @@ class _Columns:
         """The next rows of the file."""
         values = _numbers(rows, self.layout, self._numeric, self._rows)
         for i in set(self.chosen) - values.keys():
-            values[i] = self._seconds(i, [cells_of(row, self.layout.separator)[i] for row in rows])
+            values[i] = self._seconds(i, [self.layout.signs.cells(row)[i] for row in rows])
         for i, row in self._growing.items():
             row.append(values[i])
         self._rows += len(rows)
@@ -106,7 +105,7 @@ class _Columns:
         """The columns in the order of the file."""
         out = []
         for i in self.chosen:
-            is_time = self.layout.moments[i] and not self.layout.numeric[i]
+            is_time = self.layout.kinds[i] == MOMENT
             unit = "s" if is_time else self.layout.units[i]
             out.append(Column(name=self.layout.names[i], values=self._growing[i].row(), unit=unit, is_time=is_time))
         return tuple(out)
@@ -114,8 +113,8 @@ class _Columns:
 
 def _no_number(rows: Sequence[str], layout: Layout, i: int) -> str:
     """Why a column is none of numbers: its first cell that is no number."""
-    cells = ((n, cells_of(row, layout.separator)[i:]) for n, row in enumerate(rows, start=1))
-    odd = next(((n, c[0]) for n, c in cells if c and not is_number(c[0], layout.decimal)), None)
+    cells = ((n, layout.signs.cells(row)[i:]) for n, row in enumerate(rows, start=1))
+    odd = next(((n, c[0]) for n, c in cells if c and not layout.signs.is_number(c[0])), None)
     return (
         "holds no numbers" if odd is None else f"row {odd[0]} is {odd[1][:40]!r}, which is no number and no known time"
     )
@@ -165,14 +164,14 @@ def _parts(file: TextIO) -> Iterator[list[str]]:
 def _is_blank(layout: Layout, rows: Sequence[str], i: int) -> bool:
     """Whether a column without a name is empty: rows that end with a separator have one."""
     named = layout.names[i] != f"column {i + 1}"
-    return not named and all(cells_of(row, layout.separator)[i] == "" for row in rows[:100])
+    return not named and all(layout.signs.cells(row)[i] == "" for row in rows[:100])
 
 
 def _numbers(rows: Sequence[str], layout: Layout, used: Sequence[int], before: int) -> dict[int, np.ndarray]:
     """The columns of numbers by their place, of rows behind so many others."""
     if not used:
         return {}
-    separator = None if layout.separator == " " else layout.separator
+    separator = None if layout.signs.separator == " " else layout.signs.separator
     filled = (_filled(row, layout) for row in rows)
     try:
         table = np.loadtxt(filled, delimiter=separator, usecols=used, ndmin=2, comments=None, quotechar='"')
@@ -183,9 +182,9 @@ def _numbers(rows: Sequence[str], layout: Layout, used: Sequence[int], before: i
 
 def _filled(row: str, layout: Layout) -> str:
     """A row with decimal points, and `nan` where a cell is empty or says that there is no value."""
-    if layout.decimal == ",":
+    if layout.signs.decimal == ",":
         row = row.replace(",", ".")
-    s = layout.separator
+    s = layout.signs.separator
     if s == " ":
         return row
     if s * 2 in row or row.startswith(s) or row.endswith(s) or any(c.isalpha() and c not in "eE" for c in row) or (
@@ -198,13 +197,10 @@ def _filled(row: str, layout: Layout) -> str:
 def _where(rows: Sequence[str], layout: Layout, used: Sequence[int], before: int) -> str:
     """The first cell that is no number, with its row and column."""
     for number, row in enumerate(rows, start=before + 1):
-        cells = cells_of(row, layout.separator)
+        cells = layout.signs.cells(row)
         if len(cells) != len(layout.names):
             return f"row {number} has {len(cells)} cells, not {len(layout.names)}"
-        for i in used:
-            text = cells[i].replace(",", ".") if layout.decimal == "," else cells[i]
-            try:
-                float("nan" if text.lower() in MISSING else text)
-            except ValueError:
-                return f"row {number} of column {layout.names[i]!r} is {cells[i]!r}, not a number"
+        odd = next((i for i in used if not layout.signs.is_number(cells[i])), None)
+        if odd is not None:
+            return f"row {number} of column {layout.names[odd]!r} is {cells[odd]!r}, not a number"
     return ""

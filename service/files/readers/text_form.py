@@ -11,12 +11,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from service.files.readers.printed_times import is_printed_time
-from service.files.readers.table import UNIT_NAMES, split_unit
+from service.files.dates import is_printed_time
+from service.files.readers.table import split_unit
+from service.files.units import UNIT_NAMES
 
 SEPARATORS = (";", "\t", ",", "|", " ")
 PROBED = 40  # rows from the middle that decide
 FOLLOWING, MOST = 8, 0.75  # lines after the first row of numbers, and which share of them must be such rows
+NUMBER, MOMENT = "number", "moment"  # kinds of columns; a moment is a date or a time of day
 MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-"}
 RATE = re.compile(
     r"(?:sampl(?:e|ing)[ _-]*(?:rate|freq\w*)|sample_rate_hz|abtastrate|abtastfrequenz"
@@ -36,67 +38,76 @@ class TextForm:
     header_row: int | None = None  # number of the line with the names, from 1; 0 where there is none
 
 
+@dataclass(frozen=True, slots=True)
+class Signs:
+    """The separator of cells and the decimal sign of a text."""
+
+    separator: str
+    decimal: str
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line; quotes around a cell are left out."""
+        parts = line.split() if self.separator == " " else line.split(self.separator)
+        return [part.strip().strip('"').strip() for part in parts]
+
+    def is_number(self, cell: str) -> bool:
+        """Whether a cell is a number or empty; an underscore, which Python would take, is neither."""
+        if cell.lower() in MISSING:
+            return True
+        if self.decimal == ",":
+            if "." in cell:
+                return False
+            cell = cell.replace(",", ".")
+        try:
+            float(cell)
+        except ValueError:
+            return False
+        return "_" not in cell
+
+    def fits(self, cell: str, kind: str) -> bool:
+        """Whether a cell may stand in a column of a kind."""
+        return not kind or (self.is_number(cell) if kind == NUMBER else is_printed_time(cell))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """The layout that was found."""
 
-    separator: str
-    decimal: str
+    signs: Signs
     first: int  # index of the first row of numbers
     names: tuple[str, ...]
     units: tuple[str, ...]
-    moments: tuple[bool, ...]  # which columns are dates or times of day
-    numeric: tuple[bool, ...]  # which are numbers
-
-
-def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of a line; quotes around a cell are left out."""
-    parts = line.split() if separator == " " else line.split(separator)
-    return [part.strip().strip('"').strip() for part in parts]
-
-
-def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number or empty; an underscore, which Python would take, is neither."""
-    if cell.lower() in MISSING:
-        return True
-    if decimal == ",":
-        if "." in cell:
-            return False
-        cell = cell.replace(",", ".")
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
+    kinds: tuple[str, ...]  # of each column: NUMBER, MOMENT, or empty where it is neither
 
 
 def layout_of(lines: Sequence[str], form: TextForm) -> Layout | None:
     """The layout of a file's non-blank lines; None where there are no rows of numbers."""
     probe = _probe(lines)
-    best: tuple[tuple[float, float], str, str] | None = None
+    best: tuple[tuple[float, float], Signs] | None = None
     for separator in (form.separator,) if form.separator else SEPARATORS:
         for decimal in (form.decimal,) if form.decimal else (".", ","):
             if separator == decimal or _is_decimal_comma(lines[0], probe, separator):
                 continue
-            if (score := _score(probe, separator, decimal)) and (not best or score > best[0]):
-                best = (score, separator, decimal)
+            signs = Signs(separator, decimal)
+            if (score := _score(probe, signs)) and (not best or score > best[0]):
+                best = (score, signs)
     if best is None:
         return None
-    _, separator, decimal = best
-    width = len(cells_of(probe[0], separator))
-    moments, numeric = _kinds(probe, separator, decimal, width)
-    first = _first_row(lines, separator, decimal, moments, numeric)
+    signs = best[1]
+    columns = zip(*map(signs.cells, probe), strict=True)
+    kinds = tuple(
+        next((k for k in (NUMBER, MOMENT) if all(signs.fits(c, k) for c in column)), "") for column in columns
+    )
+    first = _first_row(lines, signs, kinds)
     if first is None:
         return None
-    names, units = _names(lines[:first], separator, decimal, width, form.header_row)
-    return Layout(
-        separator=separator, decimal=decimal, first=first, names=names, units=units, moments=moments, numeric=numeric
-    )  # fmt: skip
+    names, units = _names(lines[:first], signs, len(kinds), form.header_row)
+    return Layout(signs=signs, first=first, names=names, units=units, kinds=kinds)
 
 
 def _is_decimal_comma(head: str, probe: Sequence[str], separator: str) -> bool:
     """Whether the comma of a single column is its decimal sign: the name above it has none."""
-    named = not is_number(head.strip(), ".") and "," not in head
+    named = not Signs(separator, ".").is_number(head.strip()) and "," not in head
     return separator == "," and named and all(line.count(",") == 1 for line in probe)
 
 
@@ -108,12 +119,12 @@ def _probe(lines: Sequence[str]) -> Sequence[str]:
     return lines[begin : min(begin + PROBED, len(lines) - 1)]
 
 
-def _score(probe: Sequence[str], separator: str, decimal: str) -> tuple[float, float] | None:
+def _score(probe: Sequence[str], signs: Signs) -> tuple[float, float] | None:
     """Share of the cells that are numbers, and how many a row has; None where the rows differ in length."""
-    rows = [cells_of(line, separator) for line in probe]
+    rows = [signs.cells(line) for line in probe]
     if len({len(row) for row in rows}) != 1:
         return None
-    good = sum(is_number(cell, decimal) or is_printed_time(cell) for row in rows for cell in row)
+    good = sum(signs.is_number(cell) or is_printed_time(cell) for row in rows for cell in row)
     filled = sum(cell.lower() not in MISSING for row in rows for cell in row)
     if not good or not filled:
         return None
@@ -121,27 +132,14 @@ def _score(probe: Sequence[str], separator: str, decimal: str) -> tuple[float, f
     return (share, good / len(rows)) if good > len(rows) / 2 else None
 
 
-def _kinds(probe: Sequence[str], separator: str, decimal: str, width: int) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-    """Which columns are moments, and which are numbers."""
-    rows = [cells_of(line, separator) for line in probe]
-    moments = tuple(all(is_printed_time(row[i]) for row in rows) for i in range(width))
-    numeric = tuple(all(is_number(row[i], decimal) for row in rows) for i in range(width))
-    return moments, numeric
-
-
-def _first_row(
-    lines: Sequence[str], separator: str, decimal: str, moments: Sequence[bool], numeric: Sequence[bool]
-) -> int | None:
+def _first_row(lines: Sequence[str], signs: Signs, kinds: Sequence[str]) -> int | None:
     """The first line that has numbers where the columns have them, as most of the next lines do."""
 
     def fits(line: str) -> bool:
-        row = cells_of(line, separator)
-        if len(row) != len(numeric) or not any(cell.lower() not in MISSING for cell in row):
+        row = signs.cells(line)
+        if len(row) != len(kinds) or not all(map(signs.fits, row, kinds)):
             return False
-        return all(
-            (not numeric[i] or is_number(cell, decimal)) and (not moments[i] or is_printed_time(cell))
-            for i, cell in enumerate(row)
-        ) and any(cell.lower() not in MISSING for i, cell in enumerate(row) if numeric[i] or moments[i])
+        return any(cell.lower() not in MISSING for cell, kind in zip(row, kinds, strict=True) if kind)
 
     for i, line in enumerate(lines):
         following = lines[i + 1 : min(i + 1 + FOLLOWING, len(lines) - 1)]
@@ -151,19 +149,17 @@ def _first_row(
 
 
 def _names(
-    above: Sequence[str], separator: str, decimal: str, width: int, header_row: int | None
+    above: Sequence[str], signs: Signs, width: int, header_row: int | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names and units of the columns, from the lines above the numbers."""
     numbered = tuple(f"column {i + 1}" for i in range(width))
     none = ("",) * width
     if header_row == 0:
         return numbered, none
-    rows = [cells_of(line.lstrip("#%"), separator) for line in above[-2:]]
-    if header_row is not None:
-        rows = [cells_of(line.lstrip("#%"), separator) for line in above[header_row - 1 :]]
-        if not rows or len(rows[0]) != width:
-            return numbered, none
-    fitting = [row for row in rows if len(row) == width and not all(is_number(cell, decimal) for cell in row)]
+    rows = [signs.cells(line.lstrip("#%")) for line in above[-2 if header_row is None else header_row - 1 :]]
+    if header_row is not None and (not rows or len(rows[0]) != width):
+        return numbered, none
+    fitting = [row for row in rows if len(row) == width and not all(map(signs.is_number, row))]
     if not fitting:
         return numbered, none
     unit_row = fitting[-1] if len(fitting) > 1 and _are_units(fitting[-1]) else None

@@ -7,6 +7,7 @@ the whole frames that are there are read.
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -15,11 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from service.files.dates import stated_in
-from service.files.readers.stored import StoredRow, in_memory
+from service.files.readers.stored import StoredRow
 from service.files.readers.table import Column, Table
 
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 UNKNOWN_SIZE = 2**32 - 1
+DATA, LOOKED_INTO = b"data", (b"fmt ", b"ds64", b"bext", b"LIST")
+MOST = 2**16  # of a chunk that is looked into [bytes]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,54 +58,46 @@ class _Samples:
 
 def read_wav(path: Path) -> Table:
     """The tracks of the file as `channel 1`, `channel 2`, …"""
-    samples, notes = _samples(path)
+    samples, notes, started = _samples(path)
     if samples.coding == PCM:
         notes = (*notes, "values are shares of full scale, −1 to 1: the file states no unit")
     columns = []
     for i in range(samples.channels):
         read = partial(samples.track, i)
         row = StoredRow(size=samples.count, dtype=read(0, 1).dtype, read=read)
-        columns.append(Column(name=f"channel {i + 1}", values=in_memory(row), rate=float(samples.rate)))
-    return Table(
-        format="WAV", columns=tuple(columns), rate=float(samples.rate), started=_started(path), notes=notes
-    )  # fmt: skip
+        columns.append(Column(name=f"channel {i + 1}", values=row, rate=float(samples.rate)))
+    return Table(format="WAV", columns=tuple(columns), rate=float(samples.rate), started=started, notes=notes)
 
 
-def _started(path: Path) -> datetime | None:
+def _started(chunks: Mapping[bytes, tuple[int, int, bytes]]) -> datetime | None:
     """When the recording began, by the chunk of broadcast wave files (`bext`) or the entry `ICRD`."""
-    found: dict[bytes, bytes] = {}
-    with path.open("rb") as file:
-        file.seek(12)
-        while len(head := file.read(8)) == 8:
-            size = int.from_bytes(head[4:], "little")
-            if head[:4] in (b"bext", b"LIST"):
-                found[head[:4]] = file.read(min(size, 2**16))
-                size -= len(found[head[:4]])
-            file.seek(size + size % 2, 1)
-    info = found.get(b"LIST", b"")
+    info, broadcast = (chunks[mark][2] if mark in chunks else b"" for mark in (b"LIST", b"bext"))
     at = info.find(b"ICRD")
     date = b"" if at < 0 else info[at + 8 : at + 8 + int.from_bytes(info[at + 4 : at + 8], "little")]
-    day, hour = found.get(b"bext", b"")[320:330], found.get(b"bext", b"")[330:338]
+    day, hour = broadcast[320:330], broadcast[330:338]
     return stated_in([("date", day + b" " + hour), ("date", date.rstrip(b"\0"))])
 
 
-def _samples(path: Path) -> tuple[_Samples, tuple[str, ...]]:
-    """Where the samples lie, with a note where the header states another size than the file has."""
-    whole = path.stat().st_size
+def _chunks(path: Path) -> tuple[str, dict[bytes, tuple[int, int, bytes]]]:
+    """The order of the bytes, and of the chunks that are used place, size and beginning."""
+    chunks: dict[bytes, tuple[int, int, bytes]] = {}
     with path.open("rb") as file:
-        head = file.read(12)
-        order = ">" if head[:4] == b"RIFX" else "<"
-        form, size, long_size = b"", 0, None
-        while len(mark := file.read(8)) == 8:
-            size = struct.unpack(f"{order}I", mark[4:])[0]
-            if mark[:4] == b"data":
-                break
-            chunk = file.read(min(size + size % 2, whole))
-            form = chunk if mark[:4] == b"fmt " else form
-            long_size = struct.unpack("<Q", chunk[8:16])[0] if mark[:4] == b"ds64" and len(chunk) >= 16 else long_size
-        else:
-            raise ValueError("its header ends before any samples")
-        at = file.tell()
+        order = ">" if file.read(12)[:4] == b"RIFX" else "<"
+        while len(head := file.read(8)) == 8:
+            at, size = file.tell(), struct.unpack(f"{order}I", head[4:])[0]
+            if head[:4] in LOOKED_INTO or (head[:4] == DATA and DATA not in chunks):
+                chunks[head[:4]] = at, size, b"" if head[:4] == DATA else file.read(min(size, MOST))
+            file.seek(at + size + size % 2)
+    return order, chunks
+
+
+def _samples(path: Path) -> tuple[_Samples, tuple[str, ...], datetime | None]:
+    """Where the samples lie, a note where the header states another size than the file has, and when they begin."""
+    order, chunks = _chunks(path)
+    if DATA not in chunks:
+        raise ValueError("its header ends before any samples")
+    at, size, _ = chunks[DATA]
+    form, long_size = (chunks[mark][2] if mark in chunks else b"" for mark in (b"fmt ", b"ds64"))
     if len(form) < 16:
         raise ValueError("its header does not say how its samples are stored")
     coding, channels, rate, _, frame, _ = struct.unpack(f"{order}HHIIHH", form[:16])
@@ -111,9 +106,9 @@ def _samples(path: Path) -> tuple[_Samples, tuple[str, ...]]:
     width = frame // channels if channels else 0
     if coding not in (PCM, FLOAT) or width not in ((4, 8) if coding == FLOAT else (1, 2, 3, 4, 8)) or rate == 0:
         raise ValueError(f"its samples are coded in a way (number {coding}, {width} bytes) that is not known here")
-    if long_size is not None and size == UNKNOWN_SIZE:
-        size = long_size
-    there = whole - at
+    if len(long_size) >= 16 and size == UNKNOWN_SIZE:
+        size = struct.unpack("<Q", long_size[8:16])[0]
+    there = path.stat().st_size - at
     count = (size if 0 < size <= there else there) // frame
     if count < 2:
         raise ValueError(f"it holds {count} samples")
@@ -123,6 +118,7 @@ def _samples(path: Path) -> tuple[_Samples, tuple[str, ...]]:
             f"the header states {size} bytes of samples where {there} are there, as an interrupted recorder leaves it: "
             f"the {count} whole samples of each channel are read",
         )
-    return _Samples(
+    samples = _Samples(
         path=path, order=order, at=at, count=count, channels=channels, rate=rate, coding=coding, width=width
-    ), notes  # fmt: skip
+    )
+    return samples, notes, _started(chunks)

@@ -1,13 +1,12 @@
 // Alarms as a list, the most urgent first: what it is, what to do, and a form to acknowledge or clear each by name.
 
-import { newestOf, pathOf, send } from "../api.js";
-import { element, keepingFocus } from "../dom.js";
-import { ago, dateTime, instant, number, sentence } from "../format.js";
-import { busy, field, valuesOf } from "../forms.js";
+import { addressOf, newestOf, pathOf, send } from "../api.js";
+import { choice, element, folded, keepingFocus, panel } from "../dom.js";
+import { ago, dateTime, instant, number, sentence, signedText } from "../format.js";
+import { form, run, signature } from "../forms.js";
 import { table } from "../table.js";
 import { levelBadge } from "./health.js";
 
-const NAME = "gear-twin name"; // key of the browser's store: who acknowledged last
 const STATES = {
   active_unacknowledged: ["active, not acknowledged", "bad"], active_acknowledged: ["active, acknowledged", "warn"],
   returned_unacknowledged: ["back to normal, not acknowledged", "warn"], closed: ["closed", ""],
@@ -19,22 +18,18 @@ export const QUANTITY_WORDS = { fm0: "FM0", fm4: "FM4", na4: "NA4", rms: "vibrat
 
 export const quantityWords = (name) => QUANTITY_WORDS[name] ?? name.replaceAll("_", " ");
 
-export const storedName = () => localStorage.getItem(NAME) ?? "";
-export const keepName = (name) => localStorage.setItem(NAME, name);
-
 function title(alarm, withAsset) {
   const place = alarm.place ? `: ${alarm.quantity === "effect" ? alarm.place.replaceAll("_", " ") : alarm.place}` : "";
   const text = `${quantityWords(alarm.quantity)}${place}`;
   const what = element("strong", {}, text[0].toUpperCase() + text.slice(1));
-  return withAsset ? [element("a", { href: `#/asset/${encodeURIComponent(alarm.asset)}/alarms` }, alarm.asset), " ", what] : [what];
+  return withAsset ? [element("a", { href: addressOf(alarm.asset, "alarms") }, alarm.asset), " ", what] : [what];
 }
 
 const moment = (text) => element("time", { dateTime: text, title: dateTime(instant(text)) },
   [dateTime(instant(text)), ago(instant(text))].filter(Boolean).map((part, i) => (i ? ` (${part})` : part)).join(""));
 
 function signedLine(word, signed) {
-  return signed ? [element("p", { className: "signed" }, `${word} by ${signed.by}, ${dateTime(instant(signed.at))}`,
-    signed.note ? `: ${signed.note}` : "")] : [];
+  return signed ? [element("p", { className: "signed" }, signedText(word, signed, dateTime(instant(signed.at))))] : [];
 }
 
 function history(alarm) {
@@ -42,37 +37,23 @@ function history(alarm) {
     Number.isFinite(entry.value) ? `${number(entry.value)} ${alarm.unit}` : "–",
     Number.isFinite(entry.limit) ? `${number(entry.limit)} ${alarm.unit}` : "–",
     entry.by ? `${entry.by}${entry.note ? `: ${entry.note}` : ""}` : entry.reason || "–"]);
-  return element("details", { dataset: { key: `history-${alarm.id}` } }, element("summary", {}, "History"),
-    table(["when", "what", "value", "limit", "who, or why"], rows));
+  return folded(`history-${alarm.id}`, "History", table(["when", "what", "value", "limit", "who, or why"], rows));
 }
 
 // The form of one alarm: a name, a note, and one button for each thing that can be done.
 function signing(alarm, signal, done) {
   if (alarm.state === "closed") return [];
-  const said = element("p", { className: "said", role: "status" });
-  const own = element("form", { className: "form", "aria-label": `Acknowledge or clear alarm ${alarm.id}` });
-  const act = (verb) => (event) => {
-    event.preventDefault();
-    if (!own.reportValidity()) return;
-    const { by, note = "" } = valuesOf(own);
-    busy(event.target, said, async () => {
-      keepName(by);
+  const button = (verb, text, className) => element("button", { type: "button", className, dataset: { key: `${verb}-${alarm.id}` },
+    onclick: (event) => run(event.currentTarget, async ({ by, note = "" }) => {
       await send("POST", `${pathOf(alarm.asset)}/alarms/${alarm.id}/${verb}`, { by, note }, { signal });
       await done();
-      return "Done.";
-    });
-  };
-  const button = (verb, text, className) => element("button", { type: "button", className, onclick: act(verb),
-    dataset: { key: `${verb}-${alarm.id}` } }, text);
-  own.addEventListener("submit", (event) => event.preventDefault());
-  own.append(element("div", { className: "fields" },
-    field({ name: "by", label: "Your name", value: storedName(), required: true, maxLength: 100, key: `by-${alarm.id}`, autocomplete: "name" }),
-    field({ name: "note", label: "Note", maxLength: 2000, key: `note-${alarm.id}`, hint: "what you saw or did" })),
-  element("div", { className: "submit" },
-    ...(alarm.acknowledged ? [] : [button("acknowledge", "Acknowledge", "primary")]),
-    button("clear", "Clear after a repair", ""), said));
-  return [element("details", { dataset: { key: `sign-${alarm.id}-${alarm.state}` } },
-    element("summary", {}, alarm.acknowledged ? "Clear" : "Acknowledge or clear"), own)];
+    }) }, text);
+  const own = form({
+    label: `Acknowledge or clear alarm ${alarm.id}`,
+    fields: signature({ required: true, maxLength: 100, hint: "what you saw or did", suffix: `-${alarm.id}` }),
+    more: [...(alarm.acknowledged ? [] : [button("acknowledge", "Acknowledge", "primary")]), button("clear", "Clear after a repair", "")],
+  });
+  return [folded(`sign-${alarm.id}-${alarm.state}`, alarm.acknowledged ? "Clear" : "Acknowledge or clear", own)];
 }
 
 function card(alarm, { withAsset, signal, done }) {
@@ -95,10 +76,8 @@ export function alarmList({ signal, load, withAsset = false }) {
   const newest = newestOf(load);
   const summary = element("p", { className: "counts", role: "status" });
   const list = element("div", { className: "alarms" });
-  const closed = element("label", {}, element("input", { type: "checkbox", dataset: { key: "closed-alarms" },
-    onchange: (event) => { all = event.target.checked; refresh(); } }), " closed alarms too");
-  const root = element("section", { className: "panel" }, element("h2", {}, "Alarms"),
-    element("form", { className: "filters", onsubmit: (event) => event.preventDefault() }, closed), summary, list);
+  const closed = choice("closed alarms too", false, (checked) => { all = checked; refresh(); }, { dataset: { key: "closed-alarms" } });
+  const root = panel("Alarms", element("form", { className: "filters", onsubmit: (event) => event.preventDefault() }, closed), summary, list);
 
   async function refresh() {
     const alarms = await newest(all);

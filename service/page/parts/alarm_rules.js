@@ -1,11 +1,11 @@
 // The alarm rules of one machine: what is watched, what has been learned, and an editor.
 
 import { newestOf, send } from "../api.js";
-import { element, keepingFocus } from "../dom.js";
-import { dateTime, instant, number } from "../format.js";
-import { busy, field, valuesOf } from "../forms.js";
+import { element, folded, keepingFocus } from "../dom.js";
+import { dateTime, instant, number, signedText } from "../format.js";
+import { ASSET_NAME, field, form, signature } from "../forms.js";
 import { table } from "../table.js";
-import { keepName, quantityWords, storedName } from "./alarm_list.js";
+import { quantityWords } from "./alarm_list.js";
 
 const BASES = { criterion: "as for the state of the machine", learned: "learned from this machine", fixed: "stated here" };
 const NUMBERS = ["watch", "alarm", "windows", "seconds", "learn_windows"];
@@ -23,7 +23,7 @@ function learnedText(rule, learning, depthKnown) {
 function learnedTable(learning) {
   const rows = learning.map((point) => [quantityWords(point.quantity), point.place || "–", number(point.speed_hz), number(point.torque_nm),
     number(point.median), number(point.watch), number(point.alarm), point.text]);
-  return element("details", { dataset: { key: "learned" } }, element("summary", {}, `Learned limits (${learning.length})`),
+  return folded("learned", `Learned limits (${learning.length})`,
     table(["quantity", "place", "speed [Hz]#", "torque [N·m]#", "healthy median#", "watch#", "alarm#", "state"], rows));
 }
 
@@ -36,8 +36,8 @@ function duration(rule) {
 function editor(rule, quantities, take, leave) {
   const choices = quantities.map((q) => [q.name, `${q.label}${q.unit ? ` [${q.unit}]` : ""}`]);
   const number_ = (name, label, hint, rest = {}) => field({ name, label, hint, type: "number", value: rule[name], ...rest });
-  const own = element("form", { className: "form rule", "aria-label": `Rule ${rule.name || "to be added"}` }, element("div", { className: "fields" },
-    field({ name: "name", label: "Name", value: rule.name, required: true, pattern: "[A-Za-z0-9_.\\-]{1,64}", hint: "letters, digits, . _ -" }),
+  const fields = [
+    field({ name: "name", label: "Name", value: rule.name, required: true, ...ASSET_NAME }),
     field({ name: "quantity", label: "What is watched", type: "select", options: choices, value: rule.quantity }),
     field({ name: "place", label: "Where", value: rule.place ?? "*", hint: "sensor, sensor/gear, place of the thermometer; * for each" }),
     field({ name: "basis", label: "Limits", type: "select", value: rule.basis, options: Object.entries(BASES) }),
@@ -49,14 +49,10 @@ function editor(rule, quantities, take, leave) {
     number_("seconds", "Duration", "how long it must last besides", { min: 0, unit: "s", value: rule.seconds ?? 0 }),
     number_("learn_windows", "Windows to learn from", "healthy ones, 10 at least", { min: 10, max: 1000, step: 1, value: rule.learn_windows ?? 10 }),
     field({ name: "without_depth", label: "Only where no wear depth is known", type: "checkbox", value: rule.without_depth }),
-    field({ name: "enabled", label: "Switched on", type: "checkbox", value: rule.enabled ?? true })),
-  element("div", { className: "submit" }, element("button", { type: "submit", className: "primary" }, "Use this rule"),
-    element("button", { type: "button", onclick: leave }, "Cancel")));
-  own.addEventListener("submit", (event) => {
-    event.preventDefault();
-    take(ruleOf(valuesOf(own)));
-  });
-  return own;
+    field({ name: "enabled", label: "Switched on", type: "checkbox", value: rule.enabled ?? true }),
+  ];
+  return form({ label: `Rule ${rule.name || "to be added"}`, className: "form rule", fields, submit: "Use this rule",
+    more: [element("button", { type: "button", onclick: leave }, "Cancel")], send: (values) => take(ruleOf(values)) });
 }
 
 function ruleOf(values) {
@@ -91,29 +87,20 @@ export function alarmRules({ base, signal, load, depthKnown }) {
   }
 
   function saving() {
-    const said = element("p", { className: "said", role: "status" });
-    const own = element("form", { className: "form", "aria-label": "Save the alarm rules" }, element("div", { className: "fields" },
-      field({ name: "by", label: "Your name", value: storedName(), required: true, maxLength: 100, key: "rules-by", autocomplete: "name" }),
-      field({ name: "note", label: "Why", maxLength: 2000, key: "rules-note" })));
-    const save = element("button", { type: "submit", className: "primary" }, "Save the rules");
-    own.append(element("div", { className: "submit" }, save,
-      element("button", { type: "button", onclick: () => { draft = editing = null; draw(); } }, "Discard the changes"), said));
-    own.addEventListener("submit", (event) => {
-      event.preventDefault();
-      const { by, note = "" } = valuesOf(own);
-      busy(save, said, async () => {
-        keepName(by);
+    return form({
+      label: "Save the alarm rules", fields: signature({ required: true, maxLength: 100, note: "Why", hint: "", prefix: "rules-" }), submit: "Save the rules",
+      more: [element("button", { type: "button", onclick: () => { draft = editing = null; draw(); } }, "Discard the changes")],
+      send: async ({ by, note = "" }) => {
         kept = (await send("PUT", `${base}/alarm-rules`, { by, note, rules: draft }, { signal })).body;
         draft = editing = null;
         draw("The rules are saved.");
-      });
+      },
     });
-    return own;
   }
 
   function draw(message = "") {
     const heads = ["name", "watched", "where", "limits", "watch#", "alarm#", "duration", "learned", "switched", "change"];
-    const whose = kept.own ? `Set by ${kept.by}, ${dateTime(instant(kept.at))}${kept.note ? `: ${kept.note}` : ""}.`
+    const whose = kept.own ? `${signedText("Set", kept, dateTime(instant(kept.at)))}.`
       : "These are the rules of the service; a change makes rules of this machine's own.";
     const take = (rule) => {
       draft = editing < rules().length ? rules().map((r, i) => (i === editing ? rule : r)) : [...rules(), rule];

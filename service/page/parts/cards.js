@@ -1,6 +1,6 @@
 // The figures that this machine can give, the most important first; what it cannot give has one card with the reasons.
 
-import { element, svg } from "../dom.js";
+import { element, folded, panel, svg } from "../dom.js";
 import { dateTime, day, duration, fixed, instant, isAvailable, number, range, reasonOf, revolutions, sentence, signed,
   words } from "../format.js";
 
@@ -103,8 +103,7 @@ const newModulation = (modulation) => [...new Set((isAvailable(modulation) ? mod
 // What the windows would have shown, in the words of the answer.
 function couldBeFound(detectable) {
   const [heading, ...sizes] = detectable?.said ?? [];
-  return heading ? element("details", { dataset: { key: "could-be-found" } }, element("summary", {}, heading),
-    element("ul", {}, ...sizes.map((size) => element("li", {}, size)))) : "";
+  return heading ? folded("could-be-found", heading, element("ul", {}, ...sizes.map((size) => element("li", {}, size)))) : "";
 }
 
 function effectsCard({ effects, modulation, unexplained, baseline, wear, calibration, detectable }) {
@@ -193,7 +192,7 @@ export const missingReasons = (state) => (state.windows_total === 0 ? [] : [...m
 export function missing(state) {
   const named = missingParts(state);
   if (!named.size) return "";
-  return element("section", { className: "panel missing" }, element("h2", {}, "What this machine cannot tell yet"),
+  return panel({ title: "What this machine cannot tell yet", kind: "missing" },
     element("ul", {}, ...[...named].map(([reason, names]) =>
       element("li", {}, element("strong", {}, `${sentence(names.join(", ")).slice(0, -1)}: `), sentence(reason)))));
 }

@@ -1,11 +1,10 @@
 // Effects as plain sentences: how large, since when, what they change, how sure; and an engineer's decisions on them.
 
-import { Problem, get, send } from "../api.js";
-import { element, keepingFocus } from "../dom.js";
-import { anything, dateTime, figure, instant, isAvailable, number, revolutions, sentence, words } from "../format.js";
-import { field, valuesOf } from "../forms.js";
+import { Problem, get, send, warned } from "../api.js";
+import { element, folded, keepingFocus, panel } from "../dom.js";
+import { anything, dateTime, figure, instant, isAvailable, number, revolutions, sentence, signedText, words } from "../format.js";
+import { form, signature, signed } from "../forms.js";
 import { facts, table } from "../table.js";
-import { keepName, storedName } from "./alarm_list.js";
 
 const VERBS = { found: ["accept", "pin", "reject"], accepted: ["pin", "release", "reject"],
   pinned: ["accept", "release", "reject"] };
@@ -65,10 +64,8 @@ function growthOf({ growth }) {
 // An error before and after, in a sentence that says which of the two is better.
 function errorSentence(what, before, after) {
   if (!Number.isFinite(before) || !Number.isFinite(after)) return "";
-  const change = Math.abs(before - after) <= 0.02 * Math.max(before, after) ? "does not change"
-    : after < before ? "falls" : "rises";
-  if (change === "does not change") return `The error of the ${what} does not change (${number(after)} %).`;
-  return `The error of the ${what} ${change} from ${number(before)} to ${number(after)} %.`;
+  if (Math.abs(before - after) <= 0.02 * Math.max(before, after)) return `The error of the ${what} does not change (${number(after)} %).`;
+  return `The error of the ${what} ${after < before ? "falls" : "rises"} from ${number(before)} to ${number(after)} %.`;
 }
 
 function consequences(effect) {
@@ -118,15 +115,13 @@ const momentOf = (decision) => dateTime(Math.floor(decision.received_ns / 1e6));
 function signedLine(decisions, name) {
   const latest = decisions.filter((d) => d.name === name && d.done).at(-1);
   if (!latest?.by && !latest?.note) return [];
-  const by = latest.by ? ` by ${latest.by}` : "";
-  return [element("p", { className: "signed" }, `Latest decision: ${latest.decision}${by}, ${momentOf(latest)}${latest.note ? `: ${latest.note}` : ""}`)];
+  return [element("p", { className: "signed" }, signedText(`Latest decision: ${latest.decision}`, latest, momentOf(latest)))];
 }
 
 function decisionsOf(decisions) {
   if (!decisions.length) return [];
   const rows = [...decisions].reverse().map((d) => [momentOf(d), `${d.decision} ${words(d.name)}${d.done ? "" : " (queued)"}`, d.by ?? "", d.note ?? ""]);
-  return [element("details", { dataset: { key: "decisions" } }, element("summary", {}, `Decisions (${decisions.length})`),
-    table(["when", "decision", "by", "note"], rows))];
+  return [folded("decisions", `Decisions (${decisions.length})`, table(["when", "decision", "by", "note"], rows))];
 }
 
 function effectCard(effect, machine, decisions, decide) {
@@ -139,7 +134,7 @@ function effectCard(effect, machine, decisions, decide) {
       element("span", { className: "badge" }, effect.status ?? "found"), element("span", { className: "decide" }, ...buttons)),
     element("p", {}, [sizeOf(effect), sinceOf(effect, machine.trend), growthOf(effect), ...effect.caveats ?? [], ...consequences(effect)].filter(Boolean).join(" ")),
     element("p", { className: "alike" }, alternatives(effect)), ...signedLine(decisions, effect.name),
-    element("details", { dataset: { key: `evidence ${effect.name}` } }, element("summary", {}, "Evidence"), facts(evidencePairs(effect))));
+    folded(`evidence ${effect.name}`, "Evidence", facts(evidencePairs(effect))));
 }
 
 // The effects with the most severe first, as the status orders them.
@@ -173,25 +168,18 @@ function verdictOf({ unexplained, status, baseline }, found) {
 export function effectsPanel(machine, signal) {
   const body = element("div");
   const said = element("p", { className: "said decision", role: "status" });
-  const signature = element("form", { className: "form", "aria-label": "Name and note of decisions", onsubmit: (event) => event.preventDefault() },
-    element("div", { className: "fields" },
-      field({ name: "by", label: "Your name", value: storedName(), maxLength: 200, autocomplete: "name", key: "decision-by" }),
-      field({ name: "note", label: "Note", maxLength: 2000, key: "decision-note", hint: "kept with the next decision" })));
-  const signing = element("details", { dataset: { key: "decision-signature" } }, element("summary", {}, "Name and note of decisions"), signature);
-  const root = element("section", { className: "panel effects", id: "effects" }, element("h2", {}, "Effects other than wear"), body, signing, said);
+  const signing = form({ label: "Name and note of decisions", fields: signature({ prefix: "decision-", hint: "kept with the next decision" }) });
+  const deciders = folded("decision-signature", "Name and note of decisions", signing);
+  const root = panel({ title: "Effects other than wear", kind: "effects", id: "effects" }, body, deciders, said);
   let deciding = false;
   let decisions = [];
   let known = null; // the effects with their status, for which the decisions have been read
 
   async function readDecisions() {
-    try {
-      const found = await get(`${machine.base}/decisions`, { signal });
-      if (JSON.stringify(found) === JSON.stringify(decisions)) return;
-      decisions = found;
-      keepingFocus(drawBody);
-    } catch (error) {
-      if (error.name !== "AbortError") console.warn(error.message);
-    }
+    const found = await get(`${machine.base}/decisions`, { signal });
+    if (JSON.stringify(found) === JSON.stringify(decisions)) return;
+    decisions = found;
+    keepingFocus(drawBody);
   }
 
   async function decide(name, verb) {
@@ -201,10 +189,9 @@ export function effectsPanel(machine, signal) {
     root.classList.add("deciding");
     said.textContent = `${what}: in progress …`;
     try {
-      const { by, note } = valuesOf(signature);
-      if (by) keepName(by);
+      const { by, note } = signed(signing);
       const { status } = await send("POST", `${machine.base}/effects/${encodeURIComponent(name)}`, { decision: verb, by, note }, { signal });
-      signature.querySelector("[name=note]").value = "";
+      signing.querySelector("[name=note]").value = "";
       said.textContent = `${what}: ${status === 202 ? "queued; applied after the current window" : "done"}.`;
     } catch (error) {
       if (error.name !== "AbortError") said.textContent = `${what}: ${error instanceof Problem && error.status ? error.message
@@ -213,7 +200,7 @@ export function effectsPanel(machine, signal) {
       deciding = false;
       root.classList.remove("deciding");
       machine.soon("effect");
-      readDecisions();
+      readDecisions().catch(warned);
     }
   }
 
@@ -221,7 +208,7 @@ export function effectsPanel(machine, signal) {
     drawBody();
     const { effects, tracing } = machine.state;
     const now = JSON.stringify([isAvailable(effects) ? effects.map((e) => [e.name, e.status]) : [], tracing?.rejected ?? []]);
-    if (now !== known) readDecisions();
+    if (now !== known) readDecisions().catch(warned);
     known = now;
   }
 
@@ -238,7 +225,7 @@ export function effectsPanel(machine, signal) {
         type: "button", title: MEANING.release, onclick: () => decide(name, "release"), "aria-label": `release ${words(name)}`,
         dataset: { key: `release ${name}`, group: name } }, "release"))).flatMap((line, i) => [line, ...signedLine(decisions, rejected[i])]),
       ...verdictOf(machine.state, found.length), ...decisionsOf(decisions));
-    signing.hidden = !rejected.length && !found.some((effect) => !effect.channels);
+    deciders.hidden = !rejected.length && !found.some((effect) => !effect.channels);
     // without a model and without a baseline nothing was searched for, so that nothing can be said of it
     const searched = isAvailable(wear) || isAvailable(baseline) || isAvailable(calibration);
     const small = unexplained?.reason && !isAvailable(baseline); // something stands clear though the machine is explained

@@ -1,8 +1,9 @@
 // What a person should know first: the state of the machine, what to do, and apart from it whether the data are good.
 
-import { element } from "../dom.js";
+import { addressOf } from "../api.js";
+import { element, folded } from "../dom.js";
 import { missingReasons } from "./cards.js";
-import { dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence } from "../format.js";
+import { ago, dataOf, dateTime, instant, isAvailable, levelWord, revolutions, sentence, signedText } from "../format.js";
 
 const DATA_WORDS = { ok: "data good", waiting: "no data yet", degraded: "data degraded", stale: "data out of date" };
 
@@ -16,7 +17,7 @@ export function dataBadge(holder) {
   return element("span", { className: `badge data-${data.level}`, title: data.reason }, DATA_WORDS[data.level] ?? data.level);
 }
 
-function since(status) {
+function sinceOf(status) {
   const { time, revolutions: count } = status.since ?? {};
   const parts = [time ? dateTime(instant(time)) : "", Number.isFinite(count) ? `${revolutions(count)} revolutions` : ""].filter(Boolean);
   return parts.length ? `since ${parts.join(", ")}` : "";
@@ -51,16 +52,14 @@ function shortened(state) {
 
 function question(asked, machine) {
   if (!asked) return "";
-  const at = `#/asset/${encodeURIComponent(machine)}/life`; // where changes of the machine are entered
   return element("p", { className: "question" }, element("strong", {}, "Question: "), `${asked.text} `,
-    element("a", { href: at }, "Answer it"));
+    element("a", { href: addressOf(machine, "life") }, "Answer it"));
 }
 
 function retirement({ retired }) {
   if (!retired) return "";
-  const who = [retired.by ? ` by ${retired.by}` : "", retired.note ? `: ${retired.note}` : ""].join("");
   return element("p", { className: "question" }, element("strong", {}, "Retired. "),
-    `Out of use since ${dateTime(instant(retired.since))}${who}. New frames are left out; the state is that of the latest window.`);
+    `${signedText(`Out of use since ${dateTime(instant(retired.since))}`, retired)}. New frames are left out; the state is that of the latest window.`);
 }
 
 // The window that the verdict rests on, where the state names it.
@@ -83,8 +82,22 @@ export function health(state) {
       ...(status.action ? [element("p", { className: "action" }, sentence(status.action))] : [])),
     retirement(state),
     element("p", { className: "reason" }, first && sentence(first)),
-    ...(more.length ? [element("details", { dataset: { key: `reasons ${state.asset}` } }, element("summary", {}, "More reasons, and what helps"), ...more)] : []),
+    ...(more.length ? [folded(`reasons ${state.asset}`, "More reasons, and what helps", ...more)] : []),
     question(state.question, state.asset),
-    element("p", { className: "meta" }, ...[since(status), restsOn(status), data ? data.reason : ""]
+    element("p", { className: "meta" }, ...[sinceOf(status), restsOn(status), data ? data.reason : ""]
       .filter(Boolean).flatMap((part, i) => (i ? [" · ", part] : [part]))));
+}
+
+// A moment as how long ago it was; where that says nothing, its date.
+export const since = (at) => element("time", { title: dateTime(at), dateTime: Number.isFinite(at) ? new Date(at).toISOString() : "" },
+  ago(at) || dateTime(at));
+
+// When a machine was last seen, and what waits: the line that every view of it has.
+export function seen(state) {
+  const at = instant(state.last_seen) ?? instant(state.windows?.at(-1)?.start_time);
+  const waiting = state.data?.waiting;
+  const behind = waiting?.behind?.length ? `, behind ${waiting.behind.join(", ")}` : "";
+  return element("p", { className: "seen" }, "Last seen ",
+    since(at), " · ", dataBadge(state),
+    waiting ? ` · ${waiting.windows} window${waiting.windows === 1 ? " waits" : "s wait"} to be assessed, the first came ${ago(instant(waiting.since))}${behind}` : "");
 }

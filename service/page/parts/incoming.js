@@ -1,15 +1,15 @@
 // What waits for a person: machines that send frames and that nobody has adopted, and rig files that came on the stream.
 
-import { newestOf, pathOf, send } from "../api.js";
+import { addressOf, newestOf, pathOf, send } from "../api.js";
 import { element, keepingFocus, panel } from "../dom.js";
-import { ago, dateTime, instant, revolutions as count } from "../format.js";
-import { busy, field } from "../forms.js";
-import { keepName, storedName } from "./alarm_list.js";
+import { instant, revolutions as count } from "../format.js";
+import { busy, form, signature, signed } from "../forms.js";
+import { table } from "../table.js";
+import { since } from "./health.js";
 
 const NONE = { assets: [] };
 
-const time = (text) => element("time", { dateTime: text, title: dateTime(instant(text)) }, ago(instant(text)) || dateTime(instant(text)));
-const cell = (head, ...content) => element("td", { dataset: { head } }, ...content);
+const time = (text) => since(instant(text));
 
 function button(text, key, act, className = "") {
   return element("button", { type: "button", className, dataset: { key }, onclick: act }, text);
@@ -18,28 +18,15 @@ function button(text, key, act, className = "") {
 // Panels over the list of machines; `changed` is called after a decision. Hidden while nothing waits.
 export function incoming({ get, signal, changed }) {
   const said = element("p", { className: "said", role: "status" });
-  const signature = element("form", { className: "fields", onsubmit: (e) => e.preventDefault() },
-    field({ name: "by", label: "Your name", value: storedName(), maxLength: 200, autocomplete: "name" }),
-    field({ name: "note", label: "Note", maxLength: 2000, hint: "why; kept with the decision" }));
-  const unknown = element("tbody");
+  const signing = form({ label: null, className: "", fields: signature({ hint: "why; kept with the decision" }) });
+  const unknown = element("div", { id: "unknown-assets" });
   const rigs = element("div", { id: "rig-proposals" });
-  const lists = element("table", { className: "blocks", id: "unknown-assets" },
-    element("caption", { className: "visually-hidden" }, "Machines that are not known"),
-    element("thead", {}, element("tr", {}, ...["Machine", "First seen", "Last seen", "Frames", "Channels", "Rig file", "Decision"]
-      .map((h) => element("th", { scope: "col" }, h)))), unknown);
   const explained = element("p", {}, "These names send frames and are not machines of this service. Their frames are left out until somebody adopts them.");
-  const root = panel("Waiting for a decision", explained, lists, rigs, signature, said);
-  root.id = "incoming";
-  root.hidden = true;
+  const root = panel({ title: "Waiting for a decision", id: "incoming", hidden: true }, explained, unknown, rigs, signing, said);
   let drawn = "";
 
-  const signed = () => {
-    const values = Object.fromEntries([...signature.elements].filter((c) => c.name && c.value).map((c) => [c.name, c.value]));
-    if (values.by) keepName(values.by);
-    return values;
-  };
   const decide = (path, body, done) => (event) => busy(event.currentTarget, said, async () => {
-    await send("POST", path, { ...signed(), ...body }, { signal });
+    await send("POST", path, { ...signed(signing), ...body }, { signal });
     await changed();
     return done;
   });
@@ -49,24 +36,21 @@ export function incoming({ get, signal, changed }) {
     const path = `v1/unknown-assets/${encodeURIComponent(name)}`;
     const done = `${name} is adopted: its frames are used from now on.`;
     const withRig = asset.rig ? [button("Adopt with its rig file", `adopt-rig ${name}`, decide(`${path}/adopt`, { rig: asset.rig_digest }, done), "primary"), " "] : [];
-    return element("tr", { dataset: { asset: name } }, element("th", { scope: "row", dataset: { head: "machine" } }, name),
-      cell("first seen", time(asset.first_seen)), cell("last seen", time(asset.last_seen)), cell("frames", count(asset.frames)),
-      cell("channels", asset.channels.join(", ") || "–"), cell("rig file", asset.rig ? asset.rig_name || "offered" : "–"),
-      cell("decision", ...withRig, button("Adopt", `adopt ${name}`, decide(`${path}/adopt`, {}, done), asset.rig ? "" : "primary"), " ",
-        button("Dismiss", `dismiss ${name}`, decide(`${path}/dismiss`, {}, `${name} is dismissed: its frames stay unused.`))));
+    return { dataset: { asset: name }, cells: [name, time(asset.first_seen), time(asset.last_seen), count(asset.frames),
+      asset.channels.join(", ") || "–", asset.rig ? asset.rig_name || "offered" : "–",
+      [...withRig, button("Adopt", `adopt ${name}`, decide(`${path}/adopt`, {}, done), asset.rig ? "" : "primary"), " ",
+        button("Dismiss", `dismiss ${name}`, decide(`${path}/dismiss`, {}, `${name} is dismissed: its frames stay unused.`))]] };
   }
 
   function proposal({ asset, digest, received, name, differences }) {
     const path = `${pathOf(asset)}/rig-proposal`;
-    const lines = differences.map((d) => element("tr", {}, element("th", { scope: "row" }, d.key),
-      element("td", {}, d.present ?? "–"), element("td", {}, d.proposed ?? "–")));
-    const values = element("table", {}, element("thead", {}, element("tr", {},
-      ...["value", "in use", "proposed"].map((h) => element("th", { scope: "col" }, h)))), element("tbody", {}, ...lines));
+    const lines = differences.map((d) => [d.key, d.present ?? "–", d.proposed ?? "–"]);
     return element("section", { dataset: { proposal: asset } },
-      element("h3", {}, "Rig file offered for ", element("a", { href: `#/asset/${encodeURIComponent(asset)}` }, asset)),
+      element("h3", {}, "Rig file offered for ", element("a", { href: addressOf(asset) }, asset)),
       element("p", {}, `${name ? `"${name}", ` : ""}received `, time(received), `, digest ${digest}. The rig file in use is kept until somebody decides.`),
       element("details", { open: lines.length <= 8, dataset: { key: `rig ${digest}` } },
-        element("summary", {}, `${lines.length} ${lines.length === 1 ? "value differs" : "values differ"} from the rig file in use`), values),
+        element("summary", {}, `${lines.length} ${lines.length === 1 ? "value differs" : "values differ"} from the rig file in use`),
+        table(["value", "in use", "proposed"], lines, { named: true })),
       element("p", {}, button("Accept", `accept ${digest}`, decide(path, { decision: "accept", digest }, `The rig file of ${asset} is accepted.`), "primary"), " ",
         button("Reject", `reject ${digest}`, decide(path, { decision: "reject", digest }, `The rig file for ${asset} is rejected.`))));
   }
@@ -86,8 +70,9 @@ export function incoming({ get, signal, changed }) {
     drawn = now;
     keepingFocus(() => {
       root.hidden = found.assets.length + proposed.length === 0 && !said.textContent;
-      lists.hidden = explained.hidden = found.assets.length === 0;
-      unknown.replaceChildren(...found.assets.map(row));
+      unknown.hidden = explained.hidden = found.assets.length === 0;
+      unknown.replaceChildren(table(["Machine", "First seen", "Last seen", "Frames", "Channels", "Rig file", "Decision"],
+        found.assets.map(row), { caption: "Machines that are not known", named: true }));
       rigs.replaceChildren(...proposed.map(proposal));
     });
   }

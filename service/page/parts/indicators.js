@@ -1,13 +1,12 @@
 // Trends of condition indicators, levels and operation over all windows, zoomed together.
 
 import { get } from "../api.js";
-import { Chart } from "../chart.js";
-import { element, pause } from "../dom.js";
+import { AXES, Chart } from "../chart.js";
+import { element, panel, pause } from "../dom.js";
 import { instant, revolutions } from "../format.js";
 import { labelled } from "./waterfall.js";
 
 const POINTS = 800;
-const AXES = { time: { label: "time", time: true }, revolutions: { label: "pinion revolutions", unit: "rev" }, index: { label: "window", unit: "" } };
 const NAMES = { level: "Level and depth", operation: "Speed and torque", "mesh bands": "Mesh harmonics", temperature: "Temperature" };
 
 export function indicatorsView(root, { machine, signal, context }) {
@@ -19,7 +18,7 @@ export function indicatorsView(root, { machine, signal, context }) {
   const group = element("select", { ariaLabel: "Quantities", onchange: draw });
   const axis = element("select", { ariaLabel: "Axis of the trends", onchange: () => { context.setAxis(axis.value); draw(); } },
     new Option("revolutions", "revolutions"), new Option("time", "time"));
-  root.append(element("section", { className: "panel" }, element("h2", {}, "Trends of indicators"),
+  root.append(panel("Trends of indicators",
     element("div", { className: "controls" }, labelled("show", group), labelled("over", axis)), said, links), grid);
 
   async function load() {

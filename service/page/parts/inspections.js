@@ -28,18 +28,21 @@ function changes({ applied, reason, changed, contradiction }) {
   ];
 }
 
-function list(inspections) {
-  const rows = inspections.slice(-SHOWN).reverse().map(({ inspection, twin, difference_um: off, difference_in_std: scores, applied,
-    contradiction }) => {
+// A table of the latest inspections; `difference` and `last` give the last two cells of each, under `heads`.
+export function inspectionTable(inspections, heads, difference, last) {
+  return table(["revolutions#", "flank", "measured [µm]#", ...heads], inspections.slice(-SHOWN).reverse().map((entered) => {
+    const { inspection, twin } = entered;
     const own = isAvailable(twin) ? twin.max_depth_um : null;
     return [revolutions(inspection.revolutions), inspection.flank,
       `${number(inspection.max_depth_um)} ± ${number(inspection.std_um, 2)}`,
       own ? `${number(own.median)} (${range(own)})${twin.extrapolated ? ", extrapolated" : ""}` : `– (${reasonOf(twin)})`,
-      Number.isFinite(off) ? `${signed(off)}${Number.isFinite(scores) ? ` (${number(Math.abs(scores), 2)} std)` : ""}` : "–",
-      applied ? (contradiction ? "yes; contradicts the windows" : "yes") : "no"];
-  });
-  return table(["revolutions#", "flank", "measured [µm]#", "model when entered [µm]#", "model − measured [µm]#", "in the estimate"], rows);
+      Number.isFinite(entered.difference_um) ? difference(entered) : "–", last(entered)];
+  }));
 }
+
+const list = (inspections) => inspectionTable(inspections, ["model when entered [µm]#", "model − measured [µm]#", "in the estimate"],
+  ({ difference_um: off, difference_in_std: scores }) => `${signed(off)}${Number.isFinite(scores) ? ` (${number(Math.abs(scores), 2)} std)` : ""}`,
+  ({ applied, contradiction }) => (applied ? (contradiction ? "yes; contradicts the windows" : "yes") : "no"));
 
 // The panel with the form; `machine.inspections` is renewed after each entry.
 export function inspections(machine, signal) {
@@ -65,10 +68,9 @@ export function inspections(machine, signal) {
       return body.applied ? "The inspection is part of the estimate." : "The inspection is kept.";
     },
   });
-  const root = panel("Inspections",
+  const root = panel({ title: "Inspections", id: "inspections" },
     element("p", {}, "A depth measured on the flanks changes depth, wear coefficient and remaining life, as far as its uncertainty allows; "
       + "one of an earlier time counts as of that time."), entry, said, entered);
-  root.id = "inspections";
   const draw = () => keepingFocus(() => entered.replaceChildren(
     ...(machine.inspections.length ? [element("h3", {}, "Entered so far"), list(machine.inspections)] : [])));
   draw();

@@ -1,6 +1,6 @@
 // The trends of a machine against revolutions or time: vibration level, wear depth, remaining life; and the wear profile.
 
-import { Chart } from "../chart.js";
+import { AXES, Chart } from "../chart.js";
 import { element, pause } from "../dom.js";
 import { instant, isAvailable, number, revolutions, words } from "../format.js";
 import { timeAt } from "./effects.js";
@@ -15,9 +15,6 @@ function placed(machine, axis) {
   return machine.trend.filter((p) => p.kind !== "calibration").map((p) => ({ ...p, x: x(p) }))
     .filter((p) => Number.isFinite(p.x)).sort((a, b) => a.x - b.x);
 }
-
-const AXES = { time: { label: "time", time: true }, revolutions: { label: "pinion revolutions", unit: "rev" },
-  index: { label: "window", unit: "" } };
 
 // Where a number of revolutions lies on the axis; null where it is not known.
 function placeOf(machine, axis, count) {
@@ -43,29 +40,26 @@ const about = (points, machine) => (i) => {
     ...(machine.windows.find((w) => w.index === p.index)?.notes ?? [])].filter(Boolean).join(" · ");
 };
 
-function drawLevel(chart, machine, points, axis) {
+// What the charts over the trend's points have in common.
+const over = (machine, points, axis) => ({ x: AXES[axis], values: points.map((p) => p.x), marks: marksOf(machine, points, axis),
+  about: about(points, machine) });
+
+const bandOf = (name, bands) => ({ name, low: bands.map((b) => b.p05), high: bands.map((b) => b.p95) });
+
+// Each of the following gives what its chart shows, or why it shows nothing.
+
+function level(machine, points, axis) {
   const levels = points.filter((p) => Number.isFinite(p.rms_measured)).length;
-  chart.figure.hidden = levels < LEAST;
-  if (chart.figure.hidden) {
-    chart.unavailable(levels ? "a trend begins with the second window" : "no window so far has a measured RMS");
-    return;
-  }
+  if (levels < LEAST) return levels ? "a trend begins with the second window" : "no window so far has a measured RMS";
   const updates = points.filter((p) => p.updated).length;
-  const has = (key) => points.some((p) => Number.isFinite(p[key]));
-  const series = [{ name: "measured", unit: "m/s²", values: points.map((p) => p.rms_measured), colour: "measured" }];
-  if (has("rms_predicted")) {
-    series.push({ name: "model, before the update", unit: "m/s²", values: points.map((p) => p.rms_predicted), colour: "predicted",
-      hollow: true });
-  }
-  if (updates && has("rms_after")) {
-    series.push({ name: "model, after the update", unit: "m/s²", values: points.map((p) => (p.updated ? p.rms_after : null)),
-      colour: "after", line: false, points: true });
-  }
-  chart.set({
-    caption: `reference accelerometer${has("rms_predicted") ? `; ${updates} update${updates === 1 ? "" : "s"} of the model` : ""}`,
-    x: AXES[axis], y: { label: "RMS [m/s²]" }, values: points.map((p) => p.x), series,
-    marks: marksOf(machine, points, axis), about: about(points, machine),
-  });
+  const of = (name, key, values, look) => (points.some((p) => Number.isFinite(p[key])) ? [{ name, unit: "m/s²", values: points.map(values), ...look }] : []);
+  const predicted = of("model, before the update", "rms_predicted", (p) => p.rms_predicted, { colour: "predicted", hollow: true });
+  const after = of("model, after the update", "rms_after", (p) => (p.updated ? p.rms_after : null), { colour: "after", line: false, points: true });
+  return {
+    ...over(machine, points, axis), y: { label: "RMS [m/s²]" },
+    caption: `reference accelerometer${predicted.length ? `; ${updates} update${updates === 1 ? "" : "s"} of the model` : ""}`,
+    series: [...of("measured", "rms_measured", (p) => p.rms_measured, { colour: "measured" }), ...predicted, ...(updates ? after : [])],
+  };
 }
 
 function inspections(machine, axis) {
@@ -77,15 +71,12 @@ function inspections(machine, axis) {
 }
 
 // Depth as it was estimated window by window; where effects were found, as the whole history gives it with them.
-function drawDepth(chart, machine, points, axis) {
+function depth(machine, points, axis) {
   const { wear, effects, tracing } = machine.state;
   const withDepth = points.filter((p) => Number.isFinite(p.depth_um?.combined?.median));
   const spots = inspections(machine, axis);
-  chart.figure.hidden = withDepth.length + spots.length < LEAST;
-  if (chart.figure.hidden || !withDepth.length) {
-    chart.unavailable("no window so far has a depth");
-    return;
-  }
+  const few = withDepth.length + spots.length < LEAST;
+  if (few || !withDepth.length) return { reason: "no window so far has a depth", shown: !few };
   const again = new Map((isAvailable(effects) && effects.length && isAvailable(tracing) ? tracing.depths ?? [] : [])
     .map((d) => [d.index, d]));
   const median = withDepth.map((p) => p.depth_um.combined.median);
@@ -103,44 +94,33 @@ function drawDepth(chart, machine, points, axis) {
     parts.push(`beyond the validity of the model${Number.isFinite(validity.contact_loss_from_um)
       ? `, contact is lost from ${number(validity.contact_loss_from_um)} µm` : ""}`);
   }
-  chart.set({
-    caption: parts.join("; "), x: AXES[axis], y: { label: "largest depth [µm]" }, values: withDepth.map((p) => p.x), series,
-    bands: [{ name: again.size ? "5–95 % at the time" : "5–95 %", low: withDepth.map((p) => p.depth_um.combined.p05),
-      high: withDepth.map((p) => p.depth_um.combined.p95) }],
-    spots, limits: near ? [{ y: limit, label: `end of life at ${number(limit)} µm` }] : [],
-    marks: marksOf(machine, withDepth, axis), about: about(withDepth, machine),
-  });
+  return {
+    ...over(machine, withDepth, axis), caption: parts.join("; "), y: { label: "largest depth [µm]" }, series, spots,
+    bands: [bandOf(again.size ? "5–95 % at the time" : "5–95 %", withDepth.map((p) => p.depth_um.combined))],
+    limits: near ? [{ y: limit, label: `end of life at ${number(limit)} µm` }] : [],
+  };
 }
 
-function drawLife(chart, machine, points, axis) {
+function life(machine, points, axis) {
   const withLife = points.filter((p) => Number.isFinite(p.rul_hours?.median));
-  chart.figure.hidden = withLife.length < LEAST;
-  if (chart.figure.hidden) {
-    chart.unavailable("no window so far has a remaining life");
-    return;
-  }
-  chart.set({
-    caption: "hours of running, at the operating condition of each window", x: AXES[axis], y: { label: "remaining life [h]" },
-    values: withLife.map((p) => p.x),
+  if (withLife.length < LEAST) return "no window so far has a remaining life";
+  return {
+    ...over(machine, withLife, axis), y: { label: "remaining life [h]" },
+    caption: "hours of running, at the operating condition of each window",
     series: [{ name: "median", unit: "h", values: withLife.map((p) => p.rul_hours.median), colour: "predicted" }],
-    bands: [{ name: "5–95 %", low: withLife.map((p) => p.rul_hours.p05), high: withLife.map((p) => p.rul_hours.p95) }],
-    marks: marksOf(machine, withLife, axis), about: about(withLife, machine),
-  });
+    bands: [bandOf("5–95 %", withLife.map((p) => p.rul_hours))],
+  };
 }
 
 // The probability that the limit has been reached, over hours of running or, where it is known, the date.
-function drawDistribution(chart, { state: { rul } }) {
+function reached({ state: { rul } }) {
   const found = isAvailable(rul) && !rul.reached ? rul.distribution : null;
   const known = found ? found.hours.flatMap((hours, i) => (Number.isFinite(hours) ? [[hours, 100 * found.probability[i]]] : [])) : [];
-  chart.figure.hidden = known.length < 3;
-  if (chart.figure.hidden) {
-    chart.unavailable("no distribution of the remaining life");
-    return;
-  }
+  if (known.length < 3) return "no distribution of the remaining life";
   const date = isAvailable(rul.date) && rul.date.hours_per_day > 0 ? rul.date : null;
   const place = (hours) => (date ? instant(date.since) / 1000 + hours * 3600 * 24 / date.hours_per_day : hours);
   const points = [[0, 0], ...known].map(([hours, share]) => [place(hours), share]);
-  chart.set({
+  return {
     caption: `at ${number(rul.speed_hz)} Hz and ${number(rul.torque_nm)} N·m${date ? `, ${number(date.hours_per_day, 2)} h a day` : ""}`,
     x: date ? { label: "date", time: true } : { label: "hours of running from now", unit: "h" }, y: { label: "limit reached [%]" },
     values: points.map(([x]) => x),
@@ -149,26 +129,22 @@ function drawDistribution(chart, { state: { rul } }) {
       const i = found.probability.findIndex((one) => Math.abs(one - p) < 1e-6);
       return i >= 0 && Number.isFinite(found.hours[i]) ? [{ x: place(found.hours[i]), label, colour: "muted" }] : [];
     }),
-  });
+  };
 }
 
-function drawProfile(chart, machine) {
+function profileOf(machine) {
   const profile = isAvailable(machine.state.wear) ? machine.state.wear.profile : null;
-  chart.figure.hidden = !isAvailable(profile) || !profile.pinion;
-  if (chart.figure.hidden) {
-    chart.unavailable("no wear profile");
-    return;
-  }
+  if (!isAvailable(profile) || !profile.pinion) return "no wear profile";
   const points = ["pinion", "gear"].flatMap((flank) => profile[flank].roll_angle_deg.map((x, i) =>
     ({ x, [flank]: profile[flank].depth_um[i] }))).sort((a, b) => a.x - b.x);
   const of = (flank) => filled(points.map((p) => p[flank]), points.map((p) => p.x));
   const last = machine.windows.findLast((w) => Number.isFinite(w.revolutions));
-  chart.set({
+  return {
     caption: `material removed from each flank${last ? ` at ${revolutions(last.revolutions)} revolutions` : ""}`,
     x: { label: "roll angle [°]", unit: "°", tight: true }, y: { label: "depth [µm]" }, values: points.map((p) => p.x),
     series: [{ name: "pinion", unit: "µm", values: of("pinion"), colour: "predicted", points: false },
       { name: "gear", unit: "µm", values: of("gear"), colour: "after", dash: [7, 3], points: false }],
-  });
+  };
 }
 
 // Values between known ones by straight lines, so that two curves can share one axis.
@@ -196,11 +172,10 @@ export function trends(context) {
   const grid = element("div", { className: "charts" });
   const switching = element("fieldset", { className: "switch" }, element("legend", {}, "Trends against"));
   const root = element("section", { "aria-label": "Trends" }, switching, grid);
-  const make = (id, title, group) => new Chart(grid, { id, title, group });
-  const charts = { depth: make("depth", "Largest wear depth", "trend"), rms: make("rms", "Vibration RMS", "trend"),
-    life: make("rul", "Remaining life", "trend"),
-    reached: make("reached", "When the limit is reached"), profile: make("profile", "Wear profile") };
-  context.signal.addEventListener("abort", () => Object.values(charts).forEach((chart) => chart.destroy()));
+  const charts = [["depth", "Largest wear depth", depth, "trend"], ["rms", "Vibration RMS", level, "trend"], ["rul", "Remaining life", life, "trend"],
+    ["reached", "When the limit is reached", reached], ["profile", "Wear profile", profileOf]]
+    .map(([id, title, content, group]) => [new Chart(grid, { id, title, group }), content]);
+  context.signal.addEventListener("abort", () => charts.forEach(([chart]) => chart.destroy()));
 
   function drawSwitch(axes, axis) {
     switching.hidden = axes.length < 2 || machine.trend.length < LEAST;
@@ -228,20 +203,18 @@ export function trends(context) {
     const axis = axes.includes(context.axis) ? context.axis : axes[0];
     const points = placed(machine, axis);
     drawSwitch(axes, axis);
-    for (const one of [
-      () => drawDepth(charts.depth, machine, points, axis),
-      () => drawLevel(charts.rms, machine, points, axis),
-      () => drawLife(charts.life, machine, points, axis),
-      () => drawDistribution(charts.reached, machine),
-      () => drawProfile(charts.profile, machine),
-    ]) {
+    for (const [chart, content] of charts) {
       await pause();
       if (context.signal.aborted) return;
       if (own !== latest) {
         await running;
         return;
       }
-      one();
+      const found = content(machine, points, axis);
+      const reason = typeof found === "string" ? found : found.reason;
+      chart.figure.hidden = reason !== undefined && !found.shown;
+      if (reason === undefined) chart.set(found);
+      else chart.unavailable(reason);
     }
   }
 

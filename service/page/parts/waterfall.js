@@ -2,7 +2,7 @@
 
 import { get } from "../api.js";
 import { colour } from "../chart.js";
-import { element } from "../dom.js";
+import { choice, element, panel } from "../dom.js";
 import { dateTime, instant, number, revolutions, sentence } from "../format.js";
 import { unitOf } from "./signal_chart.js";
 
@@ -219,10 +219,9 @@ export function waterfallView(root, { machine, signal, kept, channel, choose }) 
     ...[40, 60, 80].map((db) => new Option(`${db} dB`, String(db), false, db === options.range)));
   const limit = element("input", { type: "number", min: "0", step: "any", className: "short", ariaLabel: "Up to",
     onchange: () => { options.x_to = limit.value; load(); } });
-  root.append(element("section", { className: "panel" }, element("h2", {}, "Waterfall of all windows that are kept"),
+  root.append(panel("Waterfall of all windows that are kept",
     element("div", { className: "controls" }, labelled("over", select), labelled("up to", limit), labelled("colours", range),
-      element("label", {}, element("input", { type: "checkbox", checked: true,
-        onchange: (event) => { options.markers = event.target.checked; draw(); } }), " mesh harmonics")),
+      choice("mesh harmonics", true, (checked) => { options.markers = checked; draw(); })),
     said, reading, canvas, links));
   load();
   return { load };

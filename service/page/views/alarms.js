@@ -5,8 +5,6 @@ import { isAvailable } from "../format.js";
 import { alarmList } from "../parts/alarm_list.js";
 import { alarmRules } from "../parts/alarm_rules.js";
 
-export const title = "Alarms";
-
 export async function show(root, { machine, signal, onChange }) {
   const list = alarmList({ signal, load: (all) => get(`${machine.base}/alarms?state=${all ? "all" : "open"}`, { signal }) });
   const rules = alarmRules({ base: machine.base, signal, load: () => get(`${machine.base}/alarm-rules`, { signal }),

@@ -1,14 +1,11 @@
 // The life of one machine: the open question with its answers, changes that people enter, its gears, its healthy
 // baseline, its name, and whether it is in use.
 
-import { get, send } from "../api.js";
+import { addressOf, get, send, warned } from "../api.js";
 import { element, keepingFocus, panel } from "../dom.js";
-import { dateTime, instant, number, revolutions, sentence } from "../format.js";
-import { field, form } from "../forms.js";
-import { keepName, storedName } from "../parts/alarm_list.js";
+import { dateTime, instant, number, revolutions, sentence, signedText } from "../format.js";
+import { ASSET_NAME, field, form, signature } from "../forms.js";
 import { facts, table } from "../table.js";
-
-export const title = "Life of the machine";
 
 const ANSWERS = {
   gears_replaced: ["The gears were replaced", "The windows that wait begin a new epoch of this machine, with unworn gears."],
@@ -29,45 +26,44 @@ const OTHERS = { renamed: "renamed", retired: "retired", reinstated: "reinstated
   rig_accepted: "rig file accepted", rig_rejected: "rig file rejected" };
 const ENDING = ["gears_replaced", "reassembled", "sensor_moved"]; // earlier windows show another machine
 const DONE = "Done.";
-const NAME = "[A-Za-z0-9_.\\-]{1,64}";
 
 const labelOf = (kind) => CHANGES[kind]?.[0] ?? OTHERS[kind] ?? kind;
-const signature = () => [
-  field({ name: "by", label: "Your name", value: storedName(), maxLength: 200, autocomplete: "name" }),
-  field({ name: "note", label: "Note", maxLength: 2000, hint: "what was done, and why" }),
-];
 
 // Sends one change; the text that is shown then.
 async function enter(machine, signal, body) {
-  if (body.by) keepName(body.by);
   const { status, body: answer } = await send("POST", `${machine.base}/changes`, body, { signal });
   return status === 202 || !answer.done ? "Queued: it is applied after the current window." : DONE;
+}
+
+// Says below the fields of a form what the kind means that is chosen there; `chosen(kind)` shows the fields of it.
+function explaining(own, meanings, chosen) {
+  const explained = element("p", { className: "meta", role: "status" });
+  const select = own.querySelector("[name=kind]");
+  const show = () => {
+    explained.textContent = meanings[select.value]?.[1] ?? "";
+    chosen(select.value);
+  };
+  select.addEventListener("change", show);
+  show();
+  own.querySelector(".fields").after(explained);
 }
 
 function questionPanel(machine, signal) {
   const asked = machine.state.question;
   if (!asked) return "";
   const choices = [["", "choose an answer"], ...asked.answers.map((kind) => [kind, ANSWERS[kind]?.[0] ?? kind])];
-  const explained = element("p", { className: "meta", role: "status" });
-  const name = field({ name: "name", label: "Name of the other machine", pattern: NAME, hint: "letters, digits, . _ -" });
+  const name = field({ name: "name", label: "Name of the other machine", ...ASSET_NAME });
   const own = form({
     submit: "Answer",
     fields: [field({ name: "kind", label: "Answer", type: "select", options: choices, value: "", required: true }), name, ...signature()],
     send: (values) => enter(machine, signal, values.kind === "other_machine" ? values : { ...values, name: undefined }),
   });
-  const select = own.querySelector("[name=kind]");
-  const chosen = () => {
-    explained.textContent = ANSWERS[select.value]?.[1] ?? "";
-    name.hidden = select.value !== "other_machine";
+  explaining(own, ANSWERS, (kind) => {
+    name.hidden = kind !== "other_machine";
     name.querySelector("input").required = !name.hidden;
-  };
-  select.addEventListener("change", chosen);
-  chosen();
-  own.querySelector(".fields").after(explained);
-  const made = panel(asked.text, element("p", { className: "question" }, asked.detail),
+  });
+  return panel({ title: asked.text, id: "question" }, element("p", { className: "question" }, asked.detail),
     element("p", { className: "meta", id: "waiting" }), own);
-  made.id = "question";
-  return made;
 }
 
 function waitingText(asked) {
@@ -84,7 +80,6 @@ function changeForm(machine, signal) {
     count: field({ name: "count", label: "Set to", unit: "turns", type: "number", min: 0, value: 0 }),
   };
   const shown = { sensor_moved: ["sensor"], gears_replaced: ["revolutions"], counter_reset: ["revolutions", "count"] };
-  const explained = element("p", { className: "meta", role: "status" });
   const own = form({
     submit: "Enter the change",
     fields: [field({ name: "kind", label: "What was done", type: "select", value: "oil_changed",
@@ -95,14 +90,9 @@ function changeForm(machine, signal) {
       return enter(machine, signal, { kind, by, note, at, ...given });
     },
   });
-  const select = own.querySelector("[name=kind]");
-  const chosen = () => {
-    explained.textContent = CHANGES[select.value][1];
-    for (const [key, one] of Object.entries(only)) one.hidden = !(shown[select.value] ?? []).includes(key);
-  };
-  select.addEventListener("change", chosen);
-  chosen();
-  own.querySelector(".fields").after(explained);
+  explaining(own, CHANGES, (kind) => {
+    for (const [key, one] of Object.entries(only)) one.hidden = !(shown[kind] ?? []).includes(key);
+  });
   return panel("Enter a change", own);
 }
 
@@ -110,10 +100,8 @@ function changesPanel(changes) {
   const rows = [...changes].reverse().map((c) => [dateTime(instant(c.received)), labelOf(c.kind), c.by ?? "", c.note ?? "",
     [c.sensor, c.name, Number.isFinite(c.revolutions) ? `${revolutions(c.revolutions)} turns` : "", c.at ? `made ${c.at}` : "",
       c.done ? "" : "queued"].filter(Boolean).join(", ")]);
-  const made = panel("Changes", rows.length ? table(["entered", "change", "by", "note", "details"], rows)
+  return panel({ title: "Changes", id: "changes" }, rows.length ? table(["entered", "change", "by", "note", "details"], rows)
     : element("p", { className: "none" }, "No changes have been entered."));
-  made.id = "changes";
-  return made;
 }
 
 function epochsPanel(machine, epochs) {
@@ -125,8 +113,7 @@ function epochsPanel(machine, epochs) {
 }
 
 function baselinePanel(machine, signal, { baseline, kept }, renewed) {
-  const made = panel("Healthy baseline");
-  made.id = "baseline";
+  const made = panel({ title: "Healthy baseline", id: "baseline" });
   const found = baseline.baseline;
   if (baseline.own && found) {
     const suffices = found.sufficiency;
@@ -150,7 +137,6 @@ function baselinePanel(machine, signal, { baseline, kept }, renewed) {
           hint: `signals of ${kept.length} windows are kept, ${kept[0].index} to ${latest}` }),
         ...(baseline.own ? [field({ name: "add", label: "Add to the recordings so far", type: "checkbox" })] : []), ...signature()],
       send: async ({ first, last, add, by, note }) => {
-        if (by) keepName(by);
         const windows = kept.map((w) => w.index).filter((i) => i >= first && i <= last);
         await send("POST", `${machine.base}/baseline/learn`, { windows, add: Boolean(add), by, note }, { signal });
         await renewed();
@@ -174,7 +160,7 @@ function namePanel(machine, signal) {
   const { retired } = machine.state;
   const rename = form({
     title: "Rename", submit: "Rename",
-    fields: [field({ name: "name", label: "New name", pattern: NAME, required: true, hint: "letters, digits, . _ -" }), ...signature()],
+    fields: [field({ name: "name", label: "New name", required: true, ...ASSET_NAME }), ...signature()],
     send: async (values) => {
       machine.leaving = true;
       let said = "";
@@ -183,7 +169,7 @@ function namePanel(machine, signal) {
       } finally {
         machine.leaving = said === DONE;
       }
-      if (said === DONE) location.hash = `#/asset/${encodeURIComponent(values.name)}/life`;
+      if (said === DONE) location.hash = addressOf(values.name, "life");
       return said;
     },
   });
@@ -192,8 +178,7 @@ function namePanel(machine, signal) {
     fields: signature(), send: (values) => enter(machine, signal, { ...values, kind: retired ? "reinstated" : "retired" }),
   });
   const state = retired
-    ? [element("p", { className: "question" }, `Retired since ${dateTime(instant(retired.since))}${retired.by ? ` by ${retired.by}` : ""}`
-      + `${retired.note ? `: ${retired.note}` : ""}. Frames that come are left out.`)] : [];
+    ? [element("p", { className: "question" }, `${signedText(`Retired since ${dateTime(instant(retired.since))}`, retired)}. Frames that come are left out.`)] : [];
   return panel("Name and use", ...state, rename, use);
 }
 
@@ -228,12 +213,5 @@ export async function show(root, { machine, signal, onChange }) {
     draw();
   };
   draw();
-  onChange(async (kinds) => {
-    if (!kinds.has("change") && !kinds.has("question") && !kinds.has("window")) return;
-    try {
-      await renewed();
-    } catch (error) {
-      if (error.name !== "AbortError") console.warn(error.message);
-    }
-  });
+  onChange((kinds) => (["change", "question", "window"].some((kind) => kinds.has(kind)) ? renewed().catch(warned) : null));
 }

@@ -1,11 +1,10 @@
 // Windows, condition indicators, data quality, and what the model was calibrated to.
 
-import { get } from "../api.js";
+import { get, warned } from "../api.js";
 import { element, keepingFocus, panel } from "../dom.js";
-import { anything, dateTime, fixed, instant, isAvailable, number, range, reasonOf, revolutions, sentence, signed, words } from "../format.js";
+import { anything, dateTime, fixed, instant, isAvailable, number, revolutions, sentence, signed, words } from "../format.js";
+import { inspectionTable } from "../parts/inspections.js";
 import { facts, table } from "../table.js";
-
-export const title = "Windows and data";
 
 const SHOWN = 25; // windows at first
 // keys of the state that have a place of their own; others are listed as they come
@@ -31,19 +30,11 @@ function windowsPanel(windows, all, more) {
   }));
   const heads = ["window#", "start", "kind", "revolutions#", "speed [Hz]#", "torque [N·m]#", "RMS [m/s²]#", "model [m/s²]#",
     "error [%]#", "updated", "data", "depth [µm]#", "K [1/N]#", "notes"];
-  if (!rows.length) {
-    const none = panel("Latest windows", element("p", { className: "none" }, "No window has been received yet."));
-    none.id = "windows";
-    return none;
-  }
-  const made = panel("Latest windows", ...(common ? [element("p", { className: "meta" }, `All of these windows: ${sentence(shared)}`)] : []),
-    table(heads, rows, { drop: true }));
-  made.id = "windows";
-  if (windows.length > SHOWN) {
-    made.append(element("button", { type: "button", onclick: more, dataset: { key: "more-windows" } },
-      all ? `Show the latest ${SHOWN}` : `Show the latest ${windows.length}`));
-  }
-  return made;
+  return panel({ title: "Latest windows", id: "windows" },
+    common ? element("p", { className: "meta" }, `All of these windows: ${sentence(shared)}`) : "",
+    rows.length ? table(heads, rows, { drop: true }) : element("p", { className: "none" }, "No window has been received yet."),
+    windows.length > SHOWN ? element("button", { type: "button", onclick: more, dataset: { key: "more-windows" } },
+      all ? `Show the latest ${SHOWN}` : `Show the latest ${windows.length}`) : "");
 }
 
 const SENSOR_INDICATORS = ["rms", "kurtosis", "crest_factor"];
@@ -62,37 +53,24 @@ function indicatorsPanel(windows) {
 
 function qualityPanel(quality) {
   const grades = Object.entries(quality.windows ?? {}).filter(([, n]) => n).map(([grade, n]) => `${revolutions(n)} ${grade}`).join(", ");
-  const made = panel("Data quality", element("p", {}, `Windows: ${grades || "none yet"}.`));
-  made.id = "quality";
-  if (quality.missing_channels?.length) {
-    made.append(element("p", {}, `Channels of the rig file that were never received: ${quality.missing_channels.join(", ")}.`));
-  }
   const channels = Object.entries(quality.channels ?? {}).map(([label, kinds]) => {
     const { frames = 0, ...wrong } = kinds;
     const what = Object.entries(wrong).filter(([, n]) => n).map(([kind, n]) => `${n} ${words(kind)}`).join(", ");
     return [label, revolutions(frames), what || "none"];
   });
-  if (channels.length) made.append(table(["channel", "frames#", "faults of the stream"], channels));
   const rows = quality.totals.map((f) => [words(f.kind), f.channel, f.action, String(f.count), String(f.windows)]);
-  made.append(rows.length ? table(["fault", "channel", "action", "count#", "windows#"], rows)
-    : element("p", { className: "none" }, "No faults so far."));
-  return made;
+  const missing = quality.missing_channels ?? [];
+  return panel({ title: "Data quality", id: "quality" }, element("p", {}, `Windows: ${grades || "none yet"}.`),
+    missing.length ? element("p", {}, `Channels of the rig file that were never received: ${missing.join(", ")}.`) : "",
+    channels.length ? table(["channel", "frames#", "faults of the stream"], channels) : "",
+    rows.length ? table(["fault", "channel", "action", "count#", "windows#"], rows) : element("p", { className: "none" }, "No faults so far."));
 }
 
 function inspectionsPanel(inspections) {
   if (!inspections.length) return [];
-  const rows = inspections.slice(-8).reverse().map(({ inspection, twin, difference_um, within_band }) => {
-    const own = isAvailable(twin) ? twin.max_depth_um : null;
-    return [revolutions(inspection.revolutions), inspection.flank,
-      `${number(inspection.max_depth_um)} ± ${number(inspection.std_um, 2)}`,
-      own ? `${number(own.median)} (${range(own)})${twin.extrapolated ? ", extrapolated" : ""}` : `– (${reasonOf(twin)})`,
-      Number.isFinite(difference_um) ? signed(difference_um) : "–",
-      within_band === null || within_band === undefined ? "–" : within_band ? "yes" : "no"];
-  });
-  const made = panel("Inspections", table(
-    ["revolutions#", "flank", "measured [µm]#", "model then [µm]#", "difference [µm]#", "within band"], rows));
-  made.id = "inspections";
-  return [made];
+  return [panel({ title: "Inspections", id: "inspections" }, inspectionTable(inspections,
+    ["model then [µm]#", "difference [µm]#", "within band"], ({ difference_um: off }) => signed(off),
+    ({ within_band: within }) => (within === null || within === undefined ? "–" : within ? "yes" : "no")))];
 }
 
 function methodsPanel(wear) {
@@ -165,13 +143,8 @@ export async function show(root, context) {
       ...residualPanel(state.residual), ...otherPanels(state));
   });
   draw();
-  context.onChange(async () => {
-    try {
-      quality = await get(`${machine.base}/quality`, { signal });
-    } catch (error) {
-      if (error.name !== "AbortError") console.warn(error.message);
-      return;
-    }
+  context.onChange(() => get(`${machine.base}/quality`, { signal }).then((found) => {
+    quality = found;
     draw();
-  });
+  }).catch(warned));
 }

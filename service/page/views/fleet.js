@@ -1,10 +1,11 @@
 // All machines, the most severe first, by pages: state, what to do, data, depth, life, course, last seen.
 
-import { getPage, newestOf } from "../api.js";
-import { element, keepingFocus, svg } from "../dom.js";
-import { KIND_WORDS, LEVELS, ago, dateTime, duration, fixed, instant, levelWord, number, range, sentence } from "../format.js";
-import { dataBadge, levelBadge } from "../parts/health.js";
+import { addressOf, getPage, newestOf, unlessLeft } from "../api.js";
+import { choice, element, keepingFocus, panel, repeat, svg } from "../dom.js";
+import { KIND_WORDS, LEVELS, duration, fixed, instant, levelWord, number, range, sentence } from "../format.js";
+import { dataBadge, levelBadge, since } from "../parts/health.js";
 import { incoming } from "../parts/incoming.js";
+import { table } from "../table.js";
 
 const EVERY_MS = 3000; // how often the list is asked for; what has not changed is not sent again
 const TYPING_MS = 200; // pause after which what was typed is searched for
@@ -40,16 +41,10 @@ function lifeCell({ life_hours: hours, life_of_wear_alone: alone, preliminary })
     alone && hours.median !== 0 ? element("span", { className: "badge bad" }, "of wear alone") : "", preliminary ? small("preliminary") : "");
 }
 
-function seenCell(asset) {
-  const seen = instant(asset.last_seen) ?? instant(asset.last_window);
-  return element("time", { title: dateTime(seen), dateTime: Number.isFinite(seen) ? new Date(seen).toISOString() : "" },
-    ago(seen) || dateTime(seen));
-}
-
 function stateCell(asset) {
   const { status, alarms, question } = asset;
   const open = alarms?.unacknowledged
-    ? element("a", { className: "badge bad", href: `#/asset/${encodeURIComponent(asset.asset)}/alarms`, dataset: { key: `alarms ${asset.asset}` } },
+    ? element("a", { className: "badge bad", href: addressOf(asset.asset, "alarms"), dataset: { key: `alarms ${asset.asset}` } },
       `${alarms.unacknowledged} alarm${alarms.unacknowledged === 1 ? "" : "s"} not acknowledged`) : "";
   return element("div", { className: "state" }, levelBadge(status?.level), open,
     status?.action ? element("strong", { className: "action" }, status.action) : "",
@@ -58,18 +53,13 @@ function stateCell(asset) {
     question ? element("span", { className: "badge warn" }, "a question is open") : "");
 }
 
-function row(asset) {
-  const cells = [
-    ["machine", element("a", { href: `#/asset/${encodeURIComponent(asset.asset)}`, dataset: { key: `asset ${asset.asset}` } }, asset.asset)],
-    ["state", stateCell(asset)], ["data", dataBadge(asset) || "–"], ["wear depth", depthCell(asset)], ["remaining life", lifeCell(asset)],
-    ["course", sparkline(asset.sparkline)], ["last seen", seenCell(asset)], ["answers from", asset.windows === 0 ? "–" : KIND_WORDS[asset.kind] ?? "–"],
-  ];
-  return element("tr", { className: `row-${asset.status?.level}`, dataset: { asset: asset.asset } },
-    ...cells.map(([head, content], i) => element(i ? "td" : "th", { ...(i ? {} : { scope: "row" }),
-      className: content === "–" ? "empty-cell" : "", dataset: { head } }, content)));
-}
-
 const HEADS = ["Machine", "State and what to do", "Data", "Wear depth", "Remaining life", "Course", "Last seen", "Answers from"];
+
+const row = (asset) => ({ className: `row-${asset.status?.level}`, dataset: { asset: asset.asset }, cells: [
+  element("a", { href: addressOf(asset.asset), dataset: { key: `asset ${asset.asset}` } }, asset.asset),
+  stateCell(asset), dataBadge(asset) || "–", depthCell(asset), lifeCell(asset), sparkline(asset.sparkline),
+  since(instant(asset.last_seen) ?? instant(asset.last_window)), asset.windows === 0 ? "–" : KIND_WORDS[asset.kind] ?? "–",
+] });
 
 function counts(areas) {
   const parts = LEVELS.map((level) => [level, areas.reduce((n, a) => n + (a.levels[level] ?? 0), 0)]).filter(([, n]) => n);
@@ -93,8 +83,7 @@ function areaList(areas, filter, choose) {
 }
 
 function empty() {
-  return element("section", { className: "panel empty" },
-    element("h2", {}, "No machine has sent data yet"),
+  return panel({ title: "No machine has sent data yet", kind: "empty" },
     element("p", {}, "The service is running and waits for the first measurement. To begin, in a terminal on this computer:"),
     element("ul", {},
       element("li", {}, "replay the bundled recording: ", element("code", {}, "gear-twin replay recordings/short-campaign.mcap --connect ENDPOINT"),
@@ -105,7 +94,7 @@ function empty() {
 }
 
 // The address of the first page of what is chosen.
-function addressOf({ text, level, area, retired }) {
+function firstPage({ text, level, area, retired }) {
   const given = new URLSearchParams({ limit: PAGE });
   if (text.trim()) given.set("search", text.trim().slice(0, 200));
   if (area !== null) given.set("area", area);
@@ -120,14 +109,13 @@ function filters(filter, chosen) {
     value: filter.text, oninput: (e) => { filter.text = e.target.value; clearTimeout(typing); typing = setTimeout(chosen, TYPING_MS); } });
   const level = element("select", { "aria-label": "Which states", onchange: (e) => { filter.level = e.target.value; chosen(); } },
     new Option("all states", ""), new Option("needs attention", "attention"), ...LEVELS.map((l) => new Option(levelWord(l).toLowerCase(), l)));
-  const retired = element("label", {}, element("input", { type: "checkbox", onchange: (e) => { filter.retired = e.target.checked; chosen(); } }),
-    " retired machines too");
+  const retired = choice("retired machines too", false, (checked) => { filter.retired = checked; chosen(); });
   return element("form", { className: "filters", role: "search", onsubmit: (e) => e.preventDefault() }, search, level, retired);
 }
 
 export async function show(root, { signal, get, connected }) {
   const filter = { text: "", level: "", area: null, retired: false };
-  let pages = [addressOf(filter)]; // the addresses of the pages up to the one that is shown
+  let pages = [firstPage(filter)]; // the addresses of the pages up to the one that is shown
   const newest = newestOf(async () => {
     const at = pages.at(-1);
     const [page, areas] = await Promise.all([getPage(at, { signal }), get("v1/areas", { signal })]);
@@ -136,11 +124,8 @@ export async function show(root, { signal, get, connected }) {
   let found = await newest();
   connected(true);
   const summary = element("div");
-  const body = element("tbody");
   const none = element("p", { className: "none", hidden: true }, "No machine matches.");
-  const list = element("section", { className: "panel fleet" }, element("table", { className: "blocks" },
-    element("caption", { className: "visually-hidden" }, "Machines, the most severe first"),
-    element("thead", {}, element("tr", {}, ...HEADS.map((h) => element("th", { scope: "col" }, h)))), body), none);
+  const list = element("section", { className: "panel fleet" });
   const turn = (text, move) => element("button", { type: "button", onclick: async () => {
     move();
     [back.disabled, on.disabled] = [true, true];
@@ -152,7 +137,7 @@ export async function show(root, { signal, get, connected }) {
   const where = element("span", { role: "status" });
   const pager = element("nav", { className: "pager", "aria-label": "Pages of machines" }, back, where, on);
   const groups = element("ul", { className: "areas", "aria-label": "Parts of the plant" });
-  const chosen = () => { pages = [addressOf(filter)]; return asked(); };
+  const chosen = () => { pages = [firstPage(filter)]; return asked(); };
   const tools = filters(filter, chosen);
   const start = empty();
   const waiting = incoming({ get, signal, changed: () => renewed() });
@@ -175,7 +160,7 @@ export async function show(root, { signal, get, connected }) {
     keepingFocus(() => {
       summary.replaceChildren(...(any ? [counts(areas.filter((a) => filter.area === null || a.area === filter.area))] : []));
       groups.replaceChildren(...areaList(areas, filter, (area) => { filter.area = area; chosen(); }));
-      body.replaceChildren(...shown.map(row));
+      list.replaceChildren(table(HEADS, shown.map(row), { caption: "Machines, the most severe first", named: true, blocks: true }), none);
       none.hidden = shown.length > 0;
       const first = PAGE * (pages.length - 1) + 1;
       where.textContent = shown.length ? `machines ${first} to ${first + shown.length - 1}` : "no more machines";
@@ -191,16 +176,9 @@ export async function show(root, { signal, get, connected }) {
   }
 
   // What somebody has just asked for.
-  async function asked() {
-    try {
-      await renewed();
-    } catch (error) {
-      if (error.name !== "AbortError") connected(false, error.message);
-    }
-  }
+  const asked = () => renewed().catch(unlessLeft((reason) => connected(false, reason)));
 
   await waiting.refresh();
   draw();
-  const timer = setInterval(() => document.hidden || asked(), EVERY_MS);
-  signal.addEventListener("abort", () => clearInterval(timer));
+  repeat(asked, EVERY_MS, signal);
 }

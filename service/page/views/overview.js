@@ -1,5 +1,6 @@
 // The overview of a machine: its state first, then what this kind of machine can tell, and once what it cannot.
 
+import { addressOf } from "../api.js";
 import { element, keepingFocus } from "../dom.js";
 import { KIND_WORDS, isAvailable, number, revolutions } from "../format.js";
 import { cards, missing } from "../parts/cards.js";
@@ -7,8 +8,6 @@ import { effectsPanel } from "../parts/effects.js";
 import { modulationPanel, pairPanel, unattributedPanels } from "../parts/findings.js";
 import { health } from "../parts/health.js";
 import { trends } from "../parts/trends.js";
-
-export const title = "Overview";
 
 // As the service does for the list of assets (service/contract/overview.py).
 export function kindOf({ wear, calibration, baseline, pair }) {
@@ -28,7 +27,7 @@ function smallPrint(machine, kind) {
   return element("p", { className: "small-print" }, `Answers from: ${KIND_WORDS[kind]}. ${k}${revolutions(total)} window${total === 1 ? "" : "s"}${
     updates ? `, ${revolutions(updates)} of those drawn updated the model` : ""}${
     last ? `; the latest at ${revolutions(last.revolutions)} revolutions` : ""}. `,
-    element("a", { href: `#/asset/${encodeURIComponent(machine.name)}/data` }, "Windows, data quality, calibration"), ". Report: ",
+    element("a", { href: addressOf(machine.name, "data") }, "Windows, data quality, calibration"), ". Report: ",
     element("a", { href: `${machine.base}/report`, target: "_blank", rel: "noopener" }, "page"), ", ",
     element("a", { href: `${machine.base}/report?format=pdf` }, "PDF"));
 }

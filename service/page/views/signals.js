@@ -4,15 +4,13 @@
 //   #/asset/NAME/signals/waterfall
 //   #/asset/NAME/signals/indicators
 
-import { get } from "../api.js";
-import { element } from "../dom.js";
+import { addressOf, get, warned } from "../api.js";
+import { choice, element, panel } from "../dom.js";
 import { dateTime, instant, revolutions, sentence } from "../format.js";
 import { indicatorsView } from "../parts/indicators.js";
 import { SignalChart, isSpectrum } from "../parts/signal_chart.js";
 import { toothFigure } from "../parts/tooth.js";
 import { labelled, waterfallView } from "../parts/waterfall.js";
-
-export const title = "Signals";
 
 const SETTLE_MS = 180; // before an excerpt is fetched after a zoom
 const POINTS = 2400;
@@ -26,7 +24,7 @@ const chosen = { view: "spectrum", channel: "", shaft: "pinion", averaged: false
 
 export async function show(root, context) {
   const { machine, signal } = context;
-  const base = `#/asset/${encodeURIComponent(machine.name)}/signals`;
+  const base = addressOf(machine.name, "signals");
   const given = location.hash.split("/").slice(4).map(decodeURIComponent);
   const kept = await get(`${machine.base}/signals`, { signal });
   const at = { section: SECTIONS.some(([s]) => s === given[0]) ? given[0] : "window",
@@ -40,8 +38,7 @@ export async function show(root, context) {
   let leaving = new AbortController();
   signal.addEventListener("abort", () => leaving.abort());
   const switches = element("fieldset", { className: "switch" }, element("legend", {}, "Show"), ...SECTIONS.map(([name, text]) =>
-    element("label", {}, element("input", { type: "radio", name: "section", value: name, checked: name === at.section,
-      onchange: () => open(name) }), ` ${text}`)));
+    choice(text, name === at.section, () => open(name), { type: "radio", name: "section", value: name })));
   root.append(switches, body);
 
   function address(...parts) {
@@ -63,13 +60,10 @@ export async function show(root, context) {
   open(at.section);
   context.onChange(async (kinds) => {
     if (!kinds.has("window")) return;
-    try {
-      Object.assign(kept, await get(`${machine.base}/signals`, { signal }));
-    } catch (error) {
-      if (error.name !== "AbortError") console.warn(error.message);
-      return;
-    }
-    section?.load(true);
+    await get(`${machine.base}/signals`, { signal }).then((found) => {
+      Object.assign(kept, found);
+      section?.load(true);
+    }).catch(warned);
   });
 }
 
@@ -131,8 +125,7 @@ function windowView(root, { machine, signal, kept, at, address }) {
   // -- what of it --------------------------------------------------------------------------------------
 
   function option(text, name) {
-    return element("label", {}, element("input", { type: "checkbox", checked: chosen[name], dataset: { key: `option-${name}` },
-      onchange: (event) => { chosen[name] = event.target.checked; name === "log" ? redraw() : load(); } }), ` ${text}`);
+    return choice(text, chosen[name], (checked) => { chosen[name] = checked; name === "log" ? redraw() : load(); }, { dataset: { key: `option-${name}` } });
   }
 
   function select(text, name, values, after) {
@@ -156,8 +149,8 @@ function windowView(root, { machine, signal, kept, at, address }) {
     if (!["waveform", "envelope-spectrum", "flank"].includes(view)) parts.push(option("modelled", "modelled"));
     if (spectral) {
       parts.push(element("span", { className: "control", role: "group", "aria-label": "Markers" }, "markers", ...KINDS.map(([kind, text]) =>
-        element("label", {}, element("input", { type: "checkbox", checked: chosen.kinds.has(kind), dataset: { key: `marker-${kind}` },
-          onchange: (event) => { chosen.kinds[event.target.checked ? "add" : "delete"](kind); redraw(); } }), ` ${text}`))));
+        choice(text, chosen.kinds.has(kind), (checked) => { chosen.kinds[checked ? "add" : "delete"](kind); redraw(); },
+          { dataset: { key: `marker-${kind}` } }))));
     }
     if (view !== "flank") {
       const kinds = [["none", "none"], ["single", "one place"], ...(spectral ? [["harmonic", "harmonics"], ["sideband", "sidebands"]] : [])];
@@ -278,8 +271,7 @@ function windowView(root, { machine, signal, kept, at, address }) {
     chart?.destroy();
     chart = answer = null;
     links.replaceChildren();
-    stage.replaceChildren(element("section", { className: "panel" }, element("h2", {}, `${VIEWS[chosen.view]} is not available`),
-      element("p", {}, sentence(error.message))));
+    stage.replaceChildren(panel(`${VIEWS[chosen.view]} is not available`, element("p", {}, sentence(error.message))));
   }
 
   load();

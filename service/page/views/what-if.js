@@ -2,24 +2,21 @@
 
 import { send } from "../api.js";
 import { Chart } from "../chart.js";
-import { element, panel } from "../dom.js";
+import { element, folded, panel } from "../dom.js";
 import { field, form } from "../forms.js";
 import { dateTime, duration, day, instant, isAvailable, number, revolutions, sentence } from "../format.js";
 import { inspections } from "../parts/inspections.js";
 import { facts, table } from "../table.js";
 
-export const title = "What if";
-
 const MOST = 6; // operating conditions of a duty
 
 // One operating condition: speed, torque and share of the running time.
 function condition(number, { speed, torque, share }) {
-  const row = element("fieldset", { className: "condition" }, element("legend", {}, `Condition ${number}`),
+  return element("fieldset", { className: "condition" }, element("legend", {}, `Condition ${number}`),
     field({ name: `speed-${number}`, label: "Pinion speed", unit: "Hz", type: "number", value: speed, required: true, min: 0.01 }),
     field({ name: `torque-${number}`, label: "Torque on the pinion", unit: "N·m", type: "number", value: torque, required: true, min: 0.01 }),
     field({ name: `share-${number}`, label: "Share of the running time", unit: "%", type: "number", value: share, required: true,
       min: 0.1, max: 100 }));
-  return row;
 }
 
 // The question as the interface takes it, from the values of the form.
@@ -108,8 +105,7 @@ export async function show(root, { machine, signal, onChange }) {
         hint: "left out: the end of life of the rig file" })],
     send: async (values) => {
       const { body } = await send("POST", `${machine.base}/what-if`, asked(values), { signal });
-      result.replaceChildren(element("h2", {}, "Answer"), ...answered(body),
-        element("details", { dataset: { key: "quantiles" } }, element("summary", {}, "Quantiles"), quantiles(body)));
+      result.replaceChildren(element("h2", {}, "Answer"), ...answered(body), folded("quantiles", "Quantiles", quantiles(body)));
       result.hidden = false;
       drawn(body);
       return "Computed.";

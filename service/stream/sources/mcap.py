@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from mcap.records import McapRecord, Message
 
 from service.errors import FrameError, InputError
+from service.file_faults import reading
 from service.files.documents import parsed_document
 from service.stream.assembly import DEFAULT, AssemblySettings
 from service.stream.channels import CHANNEL_KINDS
@@ -45,10 +46,8 @@ class Recording:
 
     def __init__(self, path: str | Path, prefix: str = PREFIX):
         self.path = Path(path)
-        try:
+        with reading(path):
             self._file = self.path.open("rb")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {(error.strerror or 'fault').lower()}") from None
         try:
             self._contents = scan(self._file, str(path))
             self._blocks = list(self._contents.blocks)
@@ -240,14 +239,18 @@ def read_windows(
         return recording.rig(), recording.metadata, list(windows_of(recording, settings))
 
 
-def windows_of(recording: Recording, settings: AssemblySettings = DEFAULT) -> Iterator[Window]:
-    """The windows of a recording of one asset, one after the other."""
-    if len(recording.assets) > 1:
+def windows_of(
+    recording: Recording, settings: AssemblySettings = DEFAULT, asset: str | None = None
+) -> Iterator[Window]:
+    """The windows of an asset, or of the only one, one after the other."""
+    if asset is None and len(recording.assets) > 1:
         raise InputError(
             f"{recording.path}: holds {len(recording.assets)} assets: {', '.join(recording.assets)}; give one"
         )
+    asset = asset or recording.assets[0]
     windows = Windows(settings)
-    windows.expect(label for asset in recording.assets for label in recording.labels(asset))
+    windows.expect(recording.labels(asset))
     for frame in recording.frames(lambda channel, _: windows.count(channel.label, "invalid")):
-        yield from windows.add(frame)
+        if frame.channel.asset == asset:
+            yield from windows.add(frame)
     yield from windows.flush()

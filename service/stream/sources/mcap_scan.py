@@ -3,6 +3,10 @@
 Neither the summary nor the order of things is relied on: chunks are found one after the other by their
 record headers, and behind a damaged header by the next compression mark. A chunk's own CRC says
 whether it may be used.
+
+Chunks are unpacked within bounds, so that a small file cannot take the memory or the processor: a chunk only as far as
+it says itself, and it may say no more than LARGEST_CHUNK; all chunks of a file together no more than TOTAL and
+EXPANSION times the file. A chunk holds at most MOST_RECORDS records.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from typing import BinaryIO
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -21,15 +26,20 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 
 from service.errors import InputError
-from service.stream.sources.mcap_unpack import LARGEST_CHUNK, Unusable, allowance, records_of
 
 MAGIC = b"\x89MCAP0\r\n"
-_HEADER = 9  # opcode and length of a record [bytes]
+_HEADER = struct.Struct("<BQ")  # opcode and length of a record
 _CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, uncompressed size, CRC, length of the compression's name
 _FOOTER = struct.Struct("<QQI")  # start of the summary, start of its offsets, CRC
 _CRC_SIZE = 4  # [bytes]
 _MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
-_MARK_OFFSET = _HEADER + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
+_MARK_OFFSET = _HEADER.size + _CHUNK_HEAD.size - 4  # of the mark from the start of a chunk record
+LARGEST_CHUNK = 2**28  # unpacked [bytes]
+MOST_RECORDS = 200_000  # of a chunk
+TOTAL = 2**29  # unpacked, of any file [bytes]
+EXPANSION = 200  # and so many times the file's size
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, times of logging and of publishing of a message
+_INVALID = 0  # an opcode that no record has: the usual filling of a bomb
 _IMMENSE = (MemoryError, OverflowError)  # lengths that a flipped bit made so
 _UNREADABLE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, OSError, *_IMMENSE)
 
@@ -83,10 +93,10 @@ def scan(file: BinaryIO, name: str) -> Contents:
         raise InputError(f"{name}: not an MCAP recording: it does not begin with the MCAP magic bytes")
     at, complete = len(MAGIC), False
     defined = contents.schemas, contents.channels  # before the summary, which repeats them
-    while at + _HEADER <= contents.size:
+    while at + _HEADER.size <= contents.size:
         file.seek(at)
-        opcode, length = struct.unpack("<BQ", file.read(_HEADER))
-        behind = at + _HEADER + length
+        opcode, length = _HEADER.unpack(file.read(_HEADER.size))
+        behind = at + _HEADER.size + length
         if not 0 < opcode < 0x80 or behind > contents.size:
             found = _next_chunk(file, at + 1)
             if found is None:
@@ -184,10 +194,10 @@ def _find_all(data: bytes, mark: bytes) -> Iterator[int]:
 
 def _looks_like_chunk(file: BinaryIO, at: int) -> bool:
     file.seek(at)
-    head = file.read(_HEADER + _CHUNK_HEAD.size)
-    if len(head) < _HEADER + _CHUNK_HEAD.size or head[0] != Opcode.CHUNK:
+    head = file.read(_HEADER.size + _CHUNK_HEAD.size)
+    if len(head) < _HEADER.size + _CHUNK_HEAD.size or head[0] != Opcode.CHUNK:
         return False
-    start, end, size, _, _ = _CHUNK_HEAD.unpack(head[_HEADER:])
+    start, end, size, _, _ = _CHUNK_HEAD.unpack(head[_HEADER.size :])
     return start <= end and size <= LARGEST_CHUNK
 
 
@@ -195,7 +205,7 @@ def read_block(file: BinaryIO, block: Block, contents: Contents) -> list[McapRec
     """The records of a block, or why it cannot be used."""
     file.seek(block.offset)
     try:
-        opcode, length = struct.unpack("<BQ", file.read(_HEADER))
+        opcode, length = _HEADER.unpack(file.read(_HEADER.size))
         stream = ReadDataStream(BytesIO(file.read(length)))
         if opcode == Opcode.MESSAGE:
             return [Message.read(stream, length)]
@@ -207,3 +217,59 @@ def read_block(file: BinaryIO, block: Block, contents: Contents) -> list[McapRec
         return str(reason)
     except _UNREADABLE as error:
         return f"cannot be unpacked ({type(error).__name__})"
+
+
+class Unusable(ValueError):
+    """A chunk that is not unpacked, with the reason."""
+
+
+def allowance(size: int) -> int:
+    """How much all chunks of a file of some size may be together [bytes]."""
+    return TOTAL + EXPANSION * size
+
+
+def records_of(chunk: Chunk) -> list[McapRecord]:
+    """The records of a chunk; Unusable, or an error of the unpacker, where it cannot be used."""
+    data = _unpacked(chunk)
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise Unusable("CRC does not match")
+    records: list[McapRecord] = []
+    at = count = 0
+    while at < len(data):
+        count += 1
+        if count > MOST_RECORDS:
+            raise Unusable(f"holds more than {MOST_RECORDS} records")
+        opcode, length = _HEADER.unpack_from(data, at)
+        begin, at = at + _HEADER.size, at + _HEADER.size + length
+        if opcode == _INVALID or at > len(data):
+            raise Unusable(f"holds no record at byte {begin - _HEADER.size}")
+        if opcode == Opcode.MESSAGE:
+            if length < _MESSAGE.size:
+                raise Unusable(f"holds no whole message at byte {begin - _HEADER.size}")
+            channel, sequence, logged, published = _MESSAGE.unpack_from(data, begin)
+            records.append(Message(channel, logged, data[begin + _MESSAGE.size : at], published, sequence))
+        elif opcode == Opcode.SCHEMA:
+            records.append(Schema.read(ReadDataStream(BytesIO(data[begin:at]))))
+        elif opcode == Opcode.CHANNEL:
+            records.append(Channel.read(ReadDataStream(BytesIO(data[begin:at]))))
+    return records
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise Unusable(f"claims {size} bytes; at most {LARGEST_CHUNK} are unpacked")
+    if chunk.compression == "zstd":
+        claimed = zstandard.frame_content_size(chunk.data)
+        if claimed not in (-1, size):
+            raise Unusable(f"claims {size} bytes and holds {claimed}")
+        data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size) if size else b""
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif chunk.compression == "":
+        data = chunk.data
+    else:
+        raise Unusable(f"compression {chunk.compression[:20]!r} is not known")
+    if len(data) != size:
+        raise Unusable(f"claims {size} bytes and holds {'more' if len(data) > size else len(data)}")
+    return data

@@ -13,7 +13,6 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from service.errors import InputError
 from service.stream.channels import CHANNEL_KINDS
 from service.stream.sources.mcap import RIG_ATTACHMENT
 from service.stream.wire.codec import schema_data
@@ -38,25 +37,25 @@ class RecordingWriter:
         path: str | Path,
         *,
         rig_text: bytes | None = None,
-        metadata: dict[str, str] | None = None,
+        metadata: Mapping[str, str] | None = None,
+        imported: Mapping[str, str] | None = None,
         prefix: str = PREFIX,
         chunk_bytes: int = 2**20,
         compressed: bool = True,
     ):
         self.path = Path(path)
-        try:
-            self._file = self.path.open("wb")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {(error.strerror or 'fault').lower()}") from None
+        self._file = self.path.open("wb")
         self._size = 0  # once it is closed
         self._prefix, self._channels, self._json = prefix, dict[Channel, int](), dict[str, int]()
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
         self._writer = Writer(self._file, chunk_size=chunk_bytes, compression=compression, enable_crcs=True)
         self._writer.start(profile="", library="gear-twin")
         if rig_text is not None:
-            self._writer.add_attachment(0, 0, RIG_ATTACHMENT, "application/toml", rig_text)
+            self.attach_rig(rig_text)
         if metadata:
-            self._writer.add_metadata("recording", metadata)
+            self._writer.add_metadata("recording", dict(metadata))
+        if imported:  # what a reader must know of the measurement file that it comes from
+            self._writer.add_metadata("import", dict(imported))
         data = schema_data()
         schemas = sorted({kind.schema for kind in CHANNEL_KINDS.values()})
         self._schemas = {name: self._writer.register_schema(name, "protobuf", data) for name in schemas}
@@ -68,6 +67,10 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def attach_rig(self, text: bytes) -> None:
+        """Attaches the rig file, once; frames may have been written before."""
+        self._writer.add_attachment(0, 0, RIG_ATTACHMENT, "application/toml", text)
 
     def write(self, channel: Channel, end_time_ns: int, payload: bytes) -> None:
         """Adds one frame, its time being the frame's end."""
