@@ -15,7 +15,7 @@ from segments import made
 from streams import ACCEL, ASSET, CHANNELS, T0, bursts, content, frame
 
 from service.errors import StorageUnavailable
-from service.results.unknown_assets import UnknownAssets
+from service.results.unknown_assets import ON_THE_WAY, UnknownAssets
 from service.runtime.intake import Intake
 from service.runtime.learning_phase import LearningPhase
 from service.runtime.pump import Pump
@@ -197,6 +197,8 @@ def test_an_adopted_asset_whose_publisher_sends_again_loses_no_window():
     plant = Plant(asks=True)
     plant.send(frames[:70])
     plant.known = True
+    assert not plant.unknown.asked(ASSET)  # frames that were sent before may still be on their way
+    plant.rest(ON_THE_WAY)
     assert plant.unknown.asked(ASSET)
     plant.send(frames)
     plant.rest(8.0)
