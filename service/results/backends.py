@@ -28,7 +28,7 @@ from service.results.at_work import AtWork, FileClaims, SessionClaims
 from service.results.bounded_connection import connecting
 from service.results.claims import Claims
 from service.results.commit_marks import Mark, marked, was_committed
-from service.results.commit_watch import CHANNEL, CommitWatch, FileWatch, ServerWatch
+from service.results.commit_watch import CHANNEL, CommitWatch, FileWatch, ServerWatch, say_committed
 from service.results.schema import ASSETS
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
@@ -124,7 +124,7 @@ class Backend(Protocol):
         ...
 
     def tell(self, engine: Engine, assets: Collection[str]) -> None:
-        """After a transaction that has written to assets: whoever waits for that hears of it, as a rule."""
+        """After a transaction, by the assets that it has written to: whoever waits for that learns it, as a rule."""
         ...
 
     def watching(self) -> CommitWatch:
@@ -274,10 +274,10 @@ class SqliteFile(OneService):
             )
 
     def tell(self, engine: Engine, assets: Collection[str]) -> None:
-        pass  # the file tells it
+        say_committed(self.path.parent)
 
     def watching(self) -> CommitWatch:
-        return FileWatch(lambda: self._connect("ro"), self.path)
+        return FileWatch(lambda: self._connect("ro"), self.path.parent)
 
     def at_work(self) -> AtWork:
         return FileClaims(self.path.with_name(f"{self.path.name}.work"))
@@ -383,6 +383,8 @@ class Postgresql(OneService):
 
     def tell(self, engine: Engine, assets: Collection[str]) -> None:
         """After the commit, since a server holds up all others that tell something within theirs."""
+        if not assets:
+            return
         with suppress(Exception), engine.connect() as db:  # it is committed, and found by looks
             db.execute(_TELL, {"channel": CHANNEL, "assets": sorted(assets)})
 

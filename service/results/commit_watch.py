@@ -4,13 +4,16 @@
         while not ended:
             if watch.wait(0.5) is not None: ...   # look at the tables
 
-An SQLite file tells each connection that another one has written; a PostgreSQL server passes on which assets a
-transaction has written to. What a server's notification loses is found by whoever looks again now and then.
+After a commit to a file of SQLite its folder's times are set, which the system says to whoever waits; a PostgreSQL
+server passes on which assets a transaction has written to. What is lost on the way is found by looks.
 """
 
 from __future__ import annotations
 
+import ctypes
 import logging
+import os
+import select
 import threading
 import time
 from collections.abc import Callable, Collection
@@ -21,10 +24,9 @@ from typing import Any, Protocol
 log = logging.getLogger(__name__)
 
 CHANNEL = "gear_twin"  # on which a server passes on what is committed
-LOOK_EVERY, LOOK_SELDOM = 0.02, 0.2  # whether a file has been written to, and where it has not been for a while [s]
-BUSY = 0.3  # that while [s]: a service that is idle writes every other second
-JUST_NOW_NS = 50_000_000  # a file written to so lately may be written to again at the same time of its clock [ns]
-ASK_SELDOM = 2.0  # whatever the times of files say: those of some file systems are whole seconds [s]
+LOOK_EVERY = 2.0  # for a commit that nobody tells: its process was killed just then, or is another program's [s]
+LOOK_OFTEN = 0.2  # the same where the system has no notices, or no more of them [s]
+TIMES_SET = 0x4  # IN_ATTRIB of Linux's inotify
 GATHER = 0.01  # during which notifications are taken together [s]
 ALL = frozenset({""})  # instead of the assets
 PAUSE = 1.0  # after the database did not answer [s]
@@ -50,62 +52,90 @@ class CommitWatch(Protocol):
 
 
 class FileWatch:
-    """Asks SQLite for the number of what has been written to a file, whenever the file or its log was written to."""
+    """Asks SQLite for the number of what has been written to a file, whenever `say_committed` was called."""
 
     misses = False
 
-    def __init__(self, connect: Callable[[], Any], path: Path) -> None:
+    def __init__(self, connect: Callable[[], Any], folder: Path) -> None:
         """
         connect  gives a connection of the driver, for this alone
-        path     of the file
+        folder   of the file
         """
-        self._connect, self._files = connect, (path, path.with_name(f"{path.name}-wal"))
-        self._changed = self._asked = 0.0  # monotonic [s]
+        self._connect, self._folder = connect, folder
         self._seen: int | None = None
-        self._written: list[tuple[int, int]] | None = None  # as the files were when that was asked for
+        self._asked = float("-inf")  # monotonic [s]
         self._connection: Any = None
+        self._notices: _Notices | None = None
 
     def wait(self, seconds: float) -> Collection[str] | None:
-        end = time.monotonic() + seconds
+        end, noticed = time.monotonic() + seconds, False
         while True:
-            if self._may_have_changed(written := self._as_written()):
+            if noticed or time.monotonic() - self._asked >= LOOK_EVERY:
                 try:
-                    self._connection = self._connection or self._connect()
-                    ((present,),) = self._connection.execute("PRAGMA data_version")
+                    present = self._number()
                 except Exception as error:  # whoever keeps something there says why
                     log.debug("the file of the database: %s", error)
                     self.close()
                     time.sleep(min(PAUSE, seconds))
                     return None
-                self._written, self._asked = written, time.monotonic()
                 if present != self._seen:
-                    self._seen, self._changed = present, time.monotonic()
+                    self._seen = present
                     return ()
             now = time.monotonic()
             if now >= end:
                 return None
-            time.sleep(min(LOOK_EVERY if now - self._changed < BUSY else LOOK_SELDOM, end - now))
+            assert self._notices is not None  # the first turn has asked
+            noticed = self._notices.wait(min(end, self._asked + LOOK_EVERY) - now)
+
+    def _number(self) -> int:
+        self._notices = self._notices or _Notices(self._folder)
+        self._connection = self._connection or self._connect()
+        self._asked = time.monotonic()
+        ((number,),) = self._connection.execute("PRAGMA data_version")
+        return number
 
     def close(self) -> None:
-        self._seen = self._written = None  # another connection counts otherwise
+        self._seen, self._asked = None, float("-inf")  # another connection counts otherwise
+        notices, self._notices = self._notices, None
+        if notices is not None:
+            notices.close()
         _close(self)
 
-    def _may_have_changed(self, written: list[tuple[int, int]]) -> bool:
-        """Whether the database is to be asked, as the files were written to."""
-        if written != self._written or time.monotonic() - self._asked > ASK_SELDOM:
-            return True
-        return time.time_ns() - max(at for at, _ in written) < JUST_NOW_NS
 
-    def _as_written(self) -> list[tuple[int, int]]:
-        """When the file and its log were written to [Unix time, ns], and their sizes [bytes]; 0 for one not there."""
-        found = []
-        for file in self._files:
-            try:
-                stat = file.stat()
-                found.append((stat.st_mtime_ns, stat.st_size))
-            except OSError:
-                found.append((0, 0))
-        return found
+class _Notices:
+    """What the system says of a folder's times (inotify); where it says nothing, there may be something every time."""
+
+    def __init__(self, folder: Path) -> None:
+        self._events = -1
+        with suppress(AttributeError):  # a system without it
+            system = ctypes.CDLL(None)
+            self._events = system.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+            if self._events >= 0 and system.inotify_add_watch(self._events, os.fsencode(folder), TIMES_SET) < 0:
+                self.close()
+
+    def wait(self, seconds: float) -> bool:
+        """Whether the times may have been set, which ends the wait [s]."""
+        if self._events < 0:
+            time.sleep(max(0.0, min(seconds, LOOK_OFTEN)))
+            return True
+        ready = select.poll()
+        ready.register(self._events, select.POLLIN)
+        if not ready.poll(max(0.0, 1000 * seconds)):
+            return False
+        with suppress(BlockingIOError):
+            os.read(self._events, 2**16)
+        return True
+
+    def close(self) -> None:
+        if self._events >= 0:
+            os.close(self._events)
+        self._events = -1
+
+
+def say_committed(folder: Path) -> None:
+    """Tells all who wait for commits to a file of SQLite in a folder, after one: it sets the folder's times."""
+    with suppress(OSError):  # it is committed, and found by looks
+        os.utime(folder)
 
 
 class SharedWatch:

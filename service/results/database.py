@@ -203,8 +203,7 @@ class Database:
                 self._newest = mark or self._newest
                 if self._alone:
                     self._has_row |= ensured
-                if ensured:
-                    self.backend.tell(self._reader, ensured)
+                self.backend.tell(self._reader, ensured)
             self._took("commit", time.monotonic() - began)
 
     @contextmanager
