@@ -92,6 +92,7 @@ chaos: install-dev
 	$(BIN)/python -m tests.chaos http $(ARGS)
 	$(BIN)/python -m tests.chaos guided $(ARGS)
 	$(BIN)/python -m tests.chaos kills $(ARGS)
+	$(BIN)/python -m tests.chaos kills --postgresql $(ARGS)
 	$(BIN)/python -m tests.chaos schedules --processes $(WORKERS) $(ARGS)
 	$(BIN)/python -m tests.chaos fleet $(ARGS)
 

@@ -20,10 +20,13 @@ import json
 import sys
 import tempfile
 from collections import Counter
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))  # the fakes of the service's tests
+
+from postgresql_server import PostgresqlServer
 
 from tests.chaos import api, fleet, guided, kills, schedules
 from tests.chaos.files import attack
@@ -55,13 +58,15 @@ def main() -> int:
     )
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--assets", type=int, default=200, help="of the fleet")
+    parser.add_argument("--postgresql", action="store_true", help="kills: results in a server that is restarted, too")
     chosen = parser.parse_args()
     count = chosen.count or COUNTS[chosen.kind]
     with tempfile.TemporaryDirectory() as folder:
         if chosen.kind == "frames":
             return _frames(chosen.seed, count, Path(folder))
         if chosen.kind == "kills":
-            outcome = kills.attack(count, chosen.seed, Path(folder), _say)
+            with PostgresqlServer() if chosen.postgresql else nullcontext() as server:
+                outcome = kills.attack(count, chosen.seed, Path(folder), _say, server)
             held = not outcome.faults
         elif chosen.kind == "fleet":
             kinds = tuple(chosen.only) or fleet.KINDS
