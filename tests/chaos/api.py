@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -211,12 +211,14 @@ class Tally:
         self.answers[str(status)] = self.answers.get(str(status), 0) + 1
 
 
-def attack(count: int, seed: int, folder: Path, say: Callable[[str], None]) -> Tally:
-    """Calls every operation, by the description and against it, as every caller."""
+def attack(
+    count: int, seed: int, folder: Path, say: Callable[[str], None], callers: Sequence[Caller] = CALLERS
+) -> Tally:
+    """Calls every operation, by the description and against it, as each of the callers."""
     tally = Tally()
     logging.getLogger("service").addHandler(logging.NullHandler())  # what is refused is logged
     with interface(folder) as target:
-        for caller in CALLERS:
+        for caller in callers:
             described = target.described(caller)
             for method, path in operations(described):
                 if (method, path) == EVENTS and caller.role is not None:
