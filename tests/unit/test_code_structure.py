@@ -1,8 +1,9 @@
-"""The code keeps its own limits: short functions and files, no import circle, not even inside functions."""
+"""The code keeps its own limits: short functions and files, lines of each room, no import circle anywhere."""
 
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("gear_twin", "twin", "service", "studies", "recordings", "benchmarks")
 GENERATED = {"service/stream/wire/gearbox_pb2.py"}
 LONGEST_FUNCTION, LONGEST_FILE = 80, 500
+WRITTEN = {".py", ".js", ".css", ".html", ".c", ".h"}
 # compiled kernels: numba compiles one function, and splitting it costs a call in each of some million steps
 KERNELS = {("studies/misalignment/motion.py", "_contacts")}
 
@@ -87,6 +89,19 @@ def test_no_function_is_longer_than_a_screen():
 def test_no_file_is_longer_than_five_hundred_lines():
     counted = {str(f.relative_to(ROOT)): len(f.read_text(encoding="utf-8").splitlines()) for f in files()}
     assert not {name: n for name, n in counted.items() if n > LONGEST_FILE}
+
+
+def rooms() -> dict[str, int]:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["gear-twin"]["lines"]
+
+
+@pytest.mark.parametrize("room", rooms())
+def test_a_room_holds_no_more_lines_than_it_may(room):
+    """A change that needs more lines makes others unnecessary, or says in its commit why the number rises."""
+    written = [f for f in (ROOT / room).rglob("*") if f.suffix in WRITTEN and "vendor" not in f.parts]
+    lines = sum(len(f.read_text(encoding="utf-8").splitlines()) for f in written)
+    generated = sum(len((ROOT / name).read_text().splitlines()) for name in GENERATED if name.startswith(f"{room}/"))
+    assert 0 < lines - generated <= rooms()[room]
 
 
 @pytest.mark.slow
