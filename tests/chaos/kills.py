@@ -109,8 +109,10 @@ def _killed(
     submitted = 0
     try:
         for _ in range(draw.randint(1, 4)):
+            if decides := draw.random() < 0.5:  # on what a window has shown
+                wait_until(lambda: running.windows("a") or publishers[0].poll() is not None, 60.0)
             time.sleep(draw.uniform(0.0, 2.5))
-            if draw.random() < 0.3 and running.get("/v1/assets/a"):
+            if decides:
                 submitted += _decided(running)
             if server is not None and draw.random() < 0.5:
                 server.stop("immediate")
