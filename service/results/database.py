@@ -169,8 +169,8 @@ class Database:
             raise taken(asset)
         self._present.ensured.add(asset)
 
-    def wait(self, db: Connection, *assets: str) -> None:
-        """Call it in a transaction that adds or ends jobs of assets: since when they wait is determined anew."""
+    def update_due(self, db: Connection, *assets: str) -> None:
+        """Determines anew since when jobs of assets wait, at the end of a transaction that adds or ends some."""
         for asset in assets:
             self.ensure(db, asset)
         self._present.due.update(assets)

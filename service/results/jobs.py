@@ -130,7 +130,7 @@ class Jobs:
     def add(self, asset: str, kind: str, given: Mapping[str, Any]) -> int:
         """Keeps a job that waits to be carried out; its id."""
         with self.transaction() as db:
-            self._database.wait(db, asset)
+            self._database.update_due(db, asset)
             row = {"asset": asset, "received_ns": later_time_ns(), "kind": kind, "given": dump(given)}
             return self._database.add(db, JOBS, row | {"verb": given.get("verb")})
 
@@ -145,13 +145,13 @@ class Jobs:
                 db.execute(_FORGET, named)
                 row = {"asset": each.asset, "received_ns": later_time_ns(), "kind": NOTICE, "given": given}
                 self._database.add(db, JOBS, row | {"verb": each.about})
-                self._database.wait(db, each.asset)
+                self._database.update_due(db, each.asset)
 
     def forget(self, about: str) -> None:
         """Drops all notices about something that wait here: whoever receives frames sees anew what there is."""
         with self.transaction() as db:
             for asset in db.execute(self._noticed, {"about": about}).scalars().all():
-                self._database.wait(db, asset)
+                self._database.update_due(db, asset)
                 db.execute(_FORGET, {"of": asset, "about": about})
 
     def end(self, job: Job, outcome: Mapping[str, Any] | None = None, stages: Mapping[str, Any] | None = None) -> bool:
@@ -164,7 +164,7 @@ class Jobs:
 
     def _end(self, job: Job, **values: Any) -> bool:
         with self.transaction() as db:
-            self._database.wait(db, job.asset)
+            self._database.update_due(db, job.asset)
             ended = _DROP if job.kind == NOTICE else _END_THIS.values(done=1, **values)
             return bool(db.execute(ended, {"number": job.id, "received": job.received_ns}).rowcount)
 

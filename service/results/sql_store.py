@@ -215,7 +215,7 @@ class SqlStore:
         """
         with self._transaction() as db:
             if db.execute(_HOLD, {"of": asset, "before": before, "now": now, "by": worker}).rowcount:
-                self.database.wait(db, asset)
+                self.database.update_due(db, asset)
                 return True
             if self.mark(asset) == now:
                 return False

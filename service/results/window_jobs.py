@@ -154,7 +154,7 @@ class WindowJobs:
         """
         now, name = later_time_ns(), written.name
         with self.transaction() as db:
-            self.database.wait(db, asset)
+            self.database.update_due(db, asset)
             db.execute(_NO_LONGER, {"of": asset})
             row = {"asset": asset, "start_ns": written.start_ns, "bytes": written.bytes, "file": name}
             row |= {"given": dump(before), "kind": WINDOW, "received_ns": now}
@@ -166,7 +166,7 @@ class WindowJobs:
     def leave_out(self, window: WaitingWindow, reason: str) -> None:
         """A window that waits becomes a refused record in its turn; its file is deleted once that is committed."""
         with self.transaction() as db:
-            self.database.wait(db, window.asset)
+            self.database.update_due(db, window.asset)
             left_out = _THIS.values(refuse=reason, file=None, bytes=0, given=None, held=0, again=JOBS.c.held)
             db.execute(left_out, {"number": window.id})
         delete_file(self.path_of(window))
@@ -174,13 +174,13 @@ class WindowJobs:
     def hold(self, window: WaitingWindow) -> bool:
         """A window waits for an answer by people from now on; False where it does not wait any more."""
         with self.transaction() as db:
-            self.database.wait(db, window.asset)
+            self.database.update_due(db, window.asset)
             return bool(db.execute(_HOLD, _key(window)).rowcount)
 
     def release(self, asset: str, refuse: str | None = None) -> None:
         """The windows that waited for an answer go on; or are refused, for a reason."""
         with self.transaction() as db:
-            self.database.wait(db, asset)
+            self.database.update_due(db, asset)
             values = {"held": 0, "again": 1} | ({} if refuse is None else {"refuse": refuse})
             db.execute(_RELEASE.values(values), {"of": asset})
 
@@ -209,7 +209,7 @@ class WindowJobs:
                 if before is None:
                     continue
                 db.execute(_GO_ON_FROM.values(assembly=dump(before or None)), {"of": asset})
-                self.database.wait(db, asset)
+                self.database.update_due(db, asset)
                 ended = db.execute(_END_WAITING_FROM, {"of": asset, "number": gone.id}).rowcount
             log.warning(
                 "%s: the database is older than the files of its windows: from %s on, %d windows that had been "
@@ -260,7 +260,7 @@ class WindowJobs:
             row = db.execute(_END_WAITING, _key(window)).one_or_none()
             if row is None:
                 return None
-            self.database.wait(db, row.asset)
+            self.database.update_due(db, row.asset)
         return _window(row)
 
     def path_of(self, window: WaitingWindow) -> Path | None:
@@ -276,7 +276,7 @@ class WindowJobs:
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
-            self.database.wait(db, asset, other)
+            self.database.update_due(db, asset, other)
             db.execute(update(JOBS).where(_IS, JOBS.c.asset == asset).values(asset=other))
 
 

@@ -19,11 +19,11 @@ from service.runtime.all_figures import figures_of
 from service.runtime.begun import Begun
 from service.runtime.feed import OnCommit
 from service.runtime.ingested import OPENED, Ingested, figures_asked
+from service.runtime.receiver import Receiver
 from service.runtime.role_process import Context, Others
 from service.runtime.storage_watch import StoppedWaiting, awaited
 from service.runtime.twin_port import Twin
 from service.runtime.webhooks import WebhookSender
-from service.runtime.worker import Worker
 from service.runtime.workers import WorkersOf
 from service.settings import Settings
 from service.transport.protocol import OpenTransport
@@ -43,14 +43,14 @@ class _Sayer(threading.Thread):
         """alone  whether only the supervisor sees to it that loops that hang do not stay so"""
         super().__init__(name="says", daemon=True)
         self._context, self._health, self._alone = context, health, alone
-        self._worker: Worker | None = None
+        self._receiver: Receiver | None = None
         self._figures: Callable[[], Mapping[str, Any]] = dict
         self._ended = threading.Event()
         self.waits: str | None = None  # why the results cannot be opened yet
 
-    def of(self, worker: Worker, figures: Callable[[], Mapping[str, Any]]) -> None:
-        """Says how a worker is from now on."""
-        self._figures, self._worker = figures, worker
+    def of(self, receiver: Receiver, figures: Callable[[], Mapping[str, Any]]) -> None:
+        """Says how a receiver is from now on."""
+        self._figures, self._receiver = figures, receiver
 
     def run(self) -> None:
         said, others = Ingested(), self._context.others
@@ -69,12 +69,12 @@ class _Sayer(threading.Thread):
         self._ended.set()
 
     def _now(self, said: Ingested, asked_ns: int) -> Ingested:
-        worker = self._worker
-        if worker is None:
+        receiver = self._receiver
+        if receiver is None:
             return Ingested(not_ready=self.waits or OPENED, asked_ns=asked_ns)
         return Ingested(
-            begun=True, not_ready=worker.not_ready(), instance=worker.instance, unstored=worker.unstored,
-            lasts=worker.storage_lasts, late=tuple(self._health.late()), asked_ns=asked_ns,
+            begun=True, not_ready=receiver.not_ready(), instance=receiver.instance, unstored=receiver.unstored,
+            lasts=receiver.storage_lasts, late=tuple(self._health.late()), asked_ns=asked_ns,
             figures=said.figures if said.asked_ns == asked_ns else self._figures(),
         )  # fmt: skip
 
@@ -120,22 +120,22 @@ def ingest(
         begun = stack.enter_context(awaited(begin, context.stop, waited_for))
         webhooks = WebhookSender(begun.alarms.store, begun.alarms.waiting)
         others = figures_of(*(part.figures for part in (webhooks, timing)), beside, log_figures)
-        worker = Worker(
+        receiver = Receiver(
             settings, begun.kept, begun.rigs, twin, open_transport, health, workers_of,
             on_commit=on_commit(begun), on_end=context.stop.set, arrived=all_of(timing.arrived, sent),
             timed=timing.computed, node=node, said=others if says_figures else None,
         )  # fmt: skip
-        bridges = () if bridges_of is None else (bridges_of(begun, worker.offer),)
-        parts = (worker, webhooks, *bridges)
+        bridges = () if bridges_of is None else (bridges_of(begun, receiver.offer),)
+        parts = (receiver, webhooks, *bridges)
         for part in parts:
             part.start()
         health.thread(WEBHOOKS, webhooks)
-        figures = figures_of(worker.figures, others, *(bridge.figures for bridge in bridges))
-        says.of(worker, lambda: said_figures(figures()))
+        figures = figures_of(receiver.figures, others, *(bridge.figures for bridge in bridges))
+        says.of(receiver, lambda: said_figures(figures()))
         try:
             context.stop.wait()
         finally:
             for part in parts:
                 part.end()
-        if worker.failure is not None:
-            raise worker.failure
+        if receiver.failure is not None:
+            raise receiver.failure

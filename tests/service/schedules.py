@@ -47,7 +47,7 @@ from service.results.schema import JOBS, WINDOW
 from service.results.schema import WINDOWS as WINDOW_ROWS
 from service.results.sql_store import SqlStore
 from service.runtime import begun
-from service.runtime import worker as receiving
+from service.runtime import receiver as receiving
 from service.runtime.assess import assess
 from service.runtime.begun import Begun
 from service.runtime.feed import Feed
@@ -332,7 +332,7 @@ class Ingest(Process):
         for _ in range(schedule.rng.choice((0, 0, 0, 4))):  # until the network is there, others go on
             schedule.turn_of_another()
         self.kept, self.table = has.kept, has.table
-        reception = self.reception = receiving.Worker(
+        reception = self.reception = receiving.Receiver(
             schedule.settings, has.kept, has.rigs, fake_twin.TWIN, network.open, workers_of=lambda *given: Nobody()
         )
         reception._beat = lambda: None

@@ -17,8 +17,8 @@ from service.results import window_jobs
 from service.results.segment_file import read_segment
 from service.results.window_jobs import WindowJobs
 from service.runtime import computing, work
+from service.runtime.receiver_figures import shed_of
 from service.runtime.window_outcomes import SHED
-from service.runtime.worker_figures import shed_of
 from twin.windows import Edges, Samples, Window
 
 KB = 1024

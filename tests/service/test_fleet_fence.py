@@ -173,7 +173,7 @@ def test_a_partition_that_is_held_up_delays_no_decision_on_other_assets(fleet):
         fakes.take(first, None, "a", 0, 100.0)
         fakes.take(first, None, "b", 0, 100.0)
         with first.database.transaction() as db:
-            first.database.wait(db, "a")
+            first.database.update_due(db, "a")
             held_up = pool.submit(fakes.decide, front, "a", "misalignment", "accept")
             engine = engine_of(fleet)
             wait_until(lambda: _waits(engine, "gear-twin front end"), 10)

@@ -22,10 +22,10 @@ from service.results.sparkline import POINTS
 from service.results.sql_store import SqlStore
 from service.results.store import StoredWindow
 from service.results.window_jobs import WindowJobs
+from service.runtime.receiver import restore
 from service.runtime.reception import Reception
 from service.runtime.rigs import GivenRigs, Rigs
 from service.runtime.state_publication import StatePublication
-from service.runtime.worker import restore
 from service.stream.assembly import Assembler
 from twin.rig import Rig
 

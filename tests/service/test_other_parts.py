@@ -160,7 +160,7 @@ def asks_tables(file: Path) -> bool:
 @pytest.mark.slow
 def test_service_over_other_parts_loads_neither_zenoh_nor_sqlite_nor_the_twin_that_its_workers_compute_with():
     code = (
-        "import sys; import service.runtime.worker, service.runtime.pipeline, service.api, service.results.snapshot; "
+        "import sys; import service.runtime.receiver, service.runtime.pipeline, service.api, service.results.snapshot; "
         "assert 'zenoh' not in sys.modules, 'zenoh'; assert 'sqlite3' not in sys.modules, 'sqlite3'; "
         "parts = 'twin.state', 'twin.effects', 'twin.dynamics', 'twin.updating'; "
         "twin = {m for m in sys.modules if m.startswith(parts)}; "

@@ -20,7 +20,7 @@ from service.results.database import Database
 from service.results.jobs import Jobs
 from service.results.sql_store import SqlStore
 from service.results.window_jobs import WindowJobs
-from service.runtime import commits, worker
+from service.runtime import commits, receiver
 from service.runtime.spool import Spool
 from service.runtime.work import Work
 
@@ -71,7 +71,7 @@ def hold(store, asset, before, now, worker=None):
     """Whoever carries a job out commits it, also where somebody else has done so since."""
     with store.database.transaction() as db:
         db.execute(sql_store._RENEW, {"of": asset, "now": now})
-        store.database.wait(db, asset)
+        store.database.update_due(db, asset)
     return True
 
 
@@ -113,7 +113,7 @@ CURES = {
     "the mark of a state at hand": (Work, "_place", place),
     "the look for an attempt without an answer": (Spool, "_kept", kept),
     "windows wait for the storage": (Spool, "_keep_all", keep_all),
-    "streams go on where they were": (worker, "restore", lambda *given: None),
+    "streams go on where they were": (receiver, "restore", lambda *given: None),
     "a look back at each new connection": (Database, "_look_back", lambda *given: None),
     "files without a row are deleted": (WindowJobs, "__init__", unswept),
     "what was not noticed is looked for": (AssetTable, "look", lambda table: ()),

@@ -21,9 +21,9 @@ from service.json_text import plain
 from service.results.data_folder import SEGMENTS
 from service.results.schema import ROLES
 from service.runtime.assess import assess
+from service.runtime.receiver import LOOK
 from service.runtime.replay import replay
 from service.runtime.storage_watch import FIRST_PAUSE, LONGEST_PAUSE, StorageWatch
-from service.runtime.worker import LOOK
 
 WINDOWS = 6
 

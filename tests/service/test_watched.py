@@ -20,12 +20,12 @@ from test_health import get
 from service.api import create_app
 from service.operation.health import HTTP, LOOPS, RECEPTION, WEBHOOKS, Health
 from service.operation.systemd import ALIVE, READY, STOPPING, Watchdog, notify, watchdog_pause
+from service.runtime.receiver import Receiver
 from service.runtime.replay import replay
 from service.runtime.role_process import Others, RoleState
 from service.runtime.storage_status import StorageStatus
 from service.runtime.storage_watch import StorageWatch
 from service.runtime.work_processes import MOST_DEATHS, WORK, WorkProcesses
-from service.runtime.worker import Worker
 
 
 @pytest.fixture
@@ -79,15 +79,15 @@ def test_a_service_is_not_ready_long_before_a_hung_loop_makes_it_not_alive(clock
         _reason=None, _lost=lambda: None, _storage=StorageWatch("data"), _health=health,
         _workers=SimpleNamespace(unusable=lambda: None),
     )  # fmt: skip
-    assert Worker.not_ready(of) is None
+    assert Receiver.not_ready(of) is None
     if what == "a loop that hangs":
         clock.now += 11.0
-        assert f"{RECEPTION}: no turn since" in Worker.not_ready(of) and health.late() == []
+        assert f"{RECEPTION}: no turn since" in Receiver.not_ready(of) and health.late() == []
         beat()
-        assert Worker.not_ready(of) is None
+        assert Receiver.not_ready(of) is None
     else:
         health.thread(WEBHOOKS, ended)
-        assert f"{WEBHOOKS}: no turn since" in Worker.not_ready(of)
+        assert f"{WEBHOOKS}: no turn since" in Receiver.not_ready(of)
 
 
 def test_thread_that_has_ended_makes_the_service_not_alive_and_one_that_waits_for_work_does_not(clock):

@@ -1,4 +1,4 @@
-"""Figures of the worker for /metrics, read by other threads while it works."""
+"""Figures of whoever receives frames for /metrics, read by other threads while it works."""
 
 from __future__ import annotations
 

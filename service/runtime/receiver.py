@@ -32,6 +32,7 @@ from service.runtime.outcomes import ClosedWindow
 from service.runtime.positions import ClosedWindows, Positions
 from service.runtime.pump import Pump
 from service.runtime.questions import REPEATED
+from service.runtime.receiver_figures import shed_of, storage_figures, stream_figures, waiting_figures
 from service.runtime.reception import Reception, assembly_settings
 from service.runtime.rig_sources import OfferedRigs
 from service.runtime.rigs import Rigs
@@ -46,7 +47,6 @@ from service.runtime.stream_questions import StreamQuestions
 from service.runtime.streams import Streams
 from service.runtime.twin_port import Twin
 from service.runtime.work import Work
-from service.runtime.worker_figures import shed_of, storage_figures, stream_figures, waiting_figures
 from service.runtime.workers import WorkersOf, workers_here
 from service.settings import Settings
 from service.steady_clock import later_time_ns
@@ -68,7 +68,7 @@ class Ended(Exception):
     """The service ends before there is a connection."""
 
 
-class Worker(threading.Thread):
+class Receiver(threading.Thread):
     """From the connection to the results, until stopped.
 
     on_commit  called with assets of which others have committed something
