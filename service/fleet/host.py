@@ -13,6 +13,7 @@ import pickle
 import sys
 import threading
 from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -25,7 +26,9 @@ from service.fleet.lease import HOST, LEASE, Leased, lease
 from service.fleet.partition import PartitionRoles
 from service.logs import logging_by
 from service.results.backends import STATEMENT_WAIT
+from service.results.data_folder import SEGMENTS
 from service.results.database import Database
+from service.results.window_jobs import WindowJobs
 from service.runtime.by_settings import twin_of
 from service.runtime.role_process import Context, ends_with
 from service.runtime.serve import work_in_processes
@@ -34,6 +37,7 @@ from service.runtime.twin_port import Twin
 from service.runtime.work_processes import WORK
 from service.runtime.workers import in_processes, workers_of
 from service.settings import Settings
+from service.stream.wire.topics import NAME
 from service.termination import until_told
 
 log = logging.getLogger(__name__)
@@ -65,10 +69,14 @@ class Host:
 
         beside  other roles
 
-        Raises InputError where no router is set that all hosts use.
+        Raises InputError where no router is set that all hosts use, a name cannot be used, or the folder is not that
+        of the fleet.
         """
         demand_router(self.settings)
-        self.settings.data.mkdir(parents=True, exist_ok=True)
+        if not NAME.fullmatch(self.name):
+            raise InputError(f"name = {self.name!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
+        with closing(self._tables("gear-twin host")) as database:
+            WindowJobs(database, self.settings.data / SEGMENTS, sweeps=False).demand_folder()
         roles = [Role(name=LEASE, work=self._lease, silent=SLOW_SERVER, essential=True, hears=(WORK,)), *beside]
         if in_processes(self.settings, self._twin):
             roles.append(

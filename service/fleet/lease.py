@@ -1,8 +1,8 @@
 """Which partitions a host serves: a lease is the host's name in the row of a partition.
 
-Each host says every few seconds that it lives. One looks how many there are, takes what is nobody's, or belongs to a
-host that says nothing any more, until it has its share, and gives back what is more than that. A lease spares work; who
-may write is settled by the fence of the partition.
+Each host says every second that it lives, and counts those that do, which gives its share. As long as it has less, it
+takes partitions of nobody, or of a host that is silent; what it has beyond its share it gives back. A lease spares
+work; who may write is settled by the fence of the partition.
 """
 
 from __future__ import annotations
@@ -53,16 +53,10 @@ class Leased:
 
 
 class Leases:
-    """The leases of one host.
+    """The leases of one host, by its name."""
 
-    name      of the host
-    began_ns  when this process of it has begun, Unix time [ns]
-    """
-
-    def __init__(
-        self, database: Database, name: str, began_ns: int, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._database, self._name, self._began_ns, self._clock = database, name, began_ns, clock
+    def __init__(self, database: Database, name: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._database, self._name, self._clock = database, name, clock
         self._roles = Roles(database, clock, SILENT)
         self._looked = float("-inf")
         self._giving: dict[int, float] = {}  # partitions that are no longer served here, and since when [s]
@@ -70,14 +64,12 @@ class Leases:
     def look(self) -> Leased:
         """Takes and gives back; what is to be served.
 
-        Raises StorageUnavailable where the tables cannot be used now, InputError where another host has the name.
+        Raises StorageUnavailable where the tables cannot be used now.
         """
         if self._clock() - self._looked > SILENT:  # held up, or the tables were away: silence counts from now
             self._roles = Roles(self._database, self._clock, SILENT)
         rows = self._roles.look()
         hosts = {row.id: row for row in rows if row.role == HOST}
-        if self._name in hosts and hosts[self._name].began_ns < self._began_ns:
-            raise InputError(f"{hosts[self._name].host} is {self._name} already: give this one another name (--name)")
         leases = {number: host for number, host in self._database.rows(_ALL)}
         self._looked = self._clock()
         living = {host for host, row in hosts.items() if row.lives} | {self._name}
@@ -88,7 +80,7 @@ class Leases:
             number = free.pop(0)
             if self._move(number, leases[number], self._name):
                 own.append(number)
-        if any(hosts[host].seen for host in living - {self._name}):  # one has just come, and lives
+        if any(hosts[host].seen for host in living - {self._name}):  # a row alone may be that of one that has ended
             self._giving |= dict.fromkeys(own[share:], self._clock())
             own = own[:share]
         self._give({row.id for row in rows})
@@ -136,8 +128,8 @@ def lease(context: Context, open_database: Callable[[], Database], name: str, wo
     name     of the host
     workers  processes of this host that compute; None where it has none
 
-    Raises SteppedBack where a worker of this host, or this process, has found that the database lacks what it had
-    confirmed: all hosts begin anew.
+    Raises InputError where another host has the name, and SteppedBack where a worker of this host, or this process, has
+    found that the database lacks what it had confirmed: all hosts begin anew.
     """
 
     def waits(error: StorageUnavailable) -> bool:
@@ -147,7 +139,7 @@ def lease(context: Context, open_database: Callable[[], Database], name: str, wo
     with suppress(StoppedWaiting), closing(awaited(open_database, context.stop, waits)) as database:
         ident, computing = f"{HOST} {name}", None if workers is None else WorkProcesses(workers, context.others)
         own = OwnRole(database, HOST, name, ident)
-        leases = Leases(database, ident, own.began_ns)
+        leases = Leases(database, ident)
         while not context.stop.is_set():
             context.beat()
             try:
@@ -157,6 +149,8 @@ def lease(context: Context, open_database: Callable[[], Database], name: str, wo
                     raise back
                 look(database)
                 figures, why = ({}, None) if computing is None else (computing.figures(), computing.unusable())
+                if elder := own.elder():
+                    raise InputError(f"{elder} is {ident} already: give this host another name (fleet host --name)")
                 own.say(figures, why)
                 context.say(leases.look())
             except SteppedBack:

@@ -31,7 +31,7 @@ from service.errors import InputError, StoreError
 from service.results.backends import Backend, SqliteFile, backend_of
 from service.results.data_folder import BASELINES, DATABASE, SEGMENTS
 from service.results.migrate import present, upgrade
-from service.results.schema import REVISION
+from service.results.schema import FOLDERS, REVISION
 from service.results.storage_faults import storage_error
 from service.results.table_copy import copy_rows, count_rows
 
@@ -126,6 +126,7 @@ def _copy_database(backend: Backend, copy: Path) -> None:
             present_file.backup(kept)  # one step: as of one moment, and holding up nobody who writes
             kept.execute("PRAGMA journal_mode = DELETE")
         _demand_sound(copy, backend.path)
+        _of_no_folder(copy)
         return
     fresh = SqliteFile(copy)
     upgrade(fresh)
@@ -141,6 +142,13 @@ def _copy_database(backend: Backend, copy: Path) -> None:
         target_engine.dispose()
     with closing(sqlite3.connect(copy)) as db:
         db.execute("PRAGMA journal_mode = DELETE")
+    _of_no_folder(copy)
+
+
+def _of_no_folder(copy: Path) -> None:
+    """Takes out which folder holds the segments: it is where a backup is brought back to."""
+    with closing(sqlite3.connect(copy)) as db, db:
+        db.execute(f"DELETE FROM {FOLDERS.name}")
 
 
 def _link(data: Path, held: Path, *folders: str) -> None:

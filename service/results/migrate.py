@@ -15,7 +15,7 @@ from service.errors import NewerTables, StoreError
 from service.results.backends import Backend
 from service.results.schema import ASSETS, REVISION
 
-FIRST = "0015"  # revision
+FIRST = "0016"  # revision
 VERSION_TABLE = "alembic_version"
 FOLDER = Path(__file__).parent / "migrations"
 

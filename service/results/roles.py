@@ -32,6 +32,7 @@ GREATEST |= {"raw_recording_stopped", "raw_store_unavailable"}
 
 Figures = Mapping[str, Any]
 
+_WRITTEN = select(ROLES.c.host, ROLES.c.began_ns, ROLES.c.beat).where(ROLES.c.id == bindparam("of"))
 _GONE = delete(ROLES).where(ROLES.c.id == bindparam("of"))
 
 
@@ -60,6 +61,16 @@ class OwnRole:
         new = {name: insert.excluded[name] for name in ROLES.c.keys() if name != "id"}  # noqa: SIM118
         with self._database.transaction() as db:
             db.execute(insert.on_conflict_do_update(index_elements=["id"], set_=new), self._row | said)
+
+    def elder(self) -> str | None:
+        """Another process that writes the same row and has done so for longer, by its computer and number there.
+
+        None where there is none, or this one has not written yet: the row may be that of one that has ended.
+        """
+        rows = self._database.rows(_WRITTEN, {"of": self._ident}) if self._beat else []
+        if not rows or (rows[0].host, rows[0].began_ns) == (self._row["host"], self.began_ns):
+            return None
+        return rows[0].host if (rows[0].beat, rows[0].host) > (self._beat, self._row["host"]) else None
 
     def gone(self) -> None:
         """The process ends."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sqlalchemy import BigInteger, Column, Double, ForeignKey, Index, Integer, LargeBinary, MetaData, Table, Text, text
 
-REVISION = "0015"
+REVISION = "0016"
 """The newest revision of `migrations`, which this program works with."""
 
 METADATA = MetaData()
@@ -213,6 +213,7 @@ AUDIT = Table(
     _json("what"),
     sqlite_autoincrement=True,
 )
+FOLDERS = Table("folders", METADATA, _number("one", primary_key=True), _text("id"))  # of segments: one row
 COMMITS = Table("commits", METADATA, _text("writer", primary_key=True), _number("number"), _number("written_ns"))
 ROLES = Table(  # what each process of the service says of itself: see `roles`
     "roles",

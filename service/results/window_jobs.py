@@ -8,9 +8,11 @@ file in the window's row (kept_signals.py); else the file is deleted after it.
 from __future__ import annotations
 
 import logging
+import os
 import secrets
+import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,10 +20,10 @@ from typing import Any
 from sqlalchemy import Connection, bindparam, delete, func, select, union_all, update
 
 from service.contract.base import iso_time
-from service.errors import StoreError
+from service.errors import StorageUnavailable, StoreError
 from service.results.jobs import NOTICE, STALE
 from service.results.json_columns import dump, salvage
-from service.results.schema import ASSETS, JOBS, WINDOW, WINDOWS
+from service.results.schema import ASSETS, FOLDERS, JOBS, WINDOW, WINDOWS
 from service.results.segment_file import SUFFIX, sync_folder, write_segment
 from service.results.store import Tables
 from service.steady_clock import later_time_ns
@@ -29,6 +31,8 @@ from service.stream.segment import Segment
 
 log = logging.getLogger(__name__)
 
+KNOWN_BY = ".folder"  # the file of a folder of segments that holds its id
+WRITTEN_WITHIN = 1.0  # whoever else makes that file, unless it was killed [s]
 PROBE_BYTES = 4096  # of a file that says whether the disk can be written
 
 _IS = JOBS.c.kind == WINDOW
@@ -118,6 +122,7 @@ class WindowJobs:
         self._within = "" if database.share is None else f"{database.share:03d}/"  # how names of files begin here
         if folder is None or not sweeps:
             return
+        self.demand_folder()
         try:
             (folder / self._within).mkdir(parents=True, exist_ok=True)
             wait = select(JOBS.c.file).where(_IS, database.own(JOBS.c.asset))
@@ -127,6 +132,34 @@ class WindowJobs:
                 (folder / name).unlink(missing_ok=True)  # of a window that was never committed, or has been given up
         except OSError as error:
             raise StoreError(f"{folder} cannot hold the segments of windows: {error.strerror or error}") from error
+
+    def demand_folder(self) -> None:
+        """Makes sure that the folder is the one of which the database knows; the first that is used becomes it.
+
+        Raises StorageUnavailable where it is another one, as that of a disk that is not mounted: no file of a window
+        is missing then. Raises StoreError where it cannot be used at all.
+        """
+        assert self.folder is not None
+        file, known = self.folder / KNOWN_BY, self.database.rows(select(FOLDERS.c.id))
+        try:
+            if not known:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                row = {"one": 1, "id": _id_of_new(file)}
+                with self.transaction() as db:
+                    db.execute(self.database.insert(FOLDERS).on_conflict_do_nothing(), row)
+                known = self.database.rows(select(FOLDERS.c.id))
+            with suppress(FileNotFoundError):
+                if file.read_text(encoding="utf-8") == known[0][0]:
+                    return
+        except (OSError, UnicodeDecodeError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise StoreError(f"{self.folder} cannot hold the segments of windows: {why}") from error
+        raise StorageUnavailable(
+            f"{self.folder} is not the folder that holds the windows of this database: is its disk mounted, and the "
+            f"setting data that of before? Where those files are lost for good, a file {KNOWN_BY} in it with the text "
+            f"{known[0][0]} makes it that folder",
+            reason="input or output",
+        )
 
     def transaction(self) -> AbstractContextManager[Connection]:
         """A transaction of the database, which other stores in it share."""
@@ -271,13 +304,33 @@ class WindowJobs:
     def _files(self) -> set[str]:
         """The names of all files here."""
         assert self.folder is not None
-        return {self._within + path.name for path in (self.folder / self._within).iterdir() if path.is_file()}
+        files = (path for path in (self.folder / self._within).iterdir() if path.is_file())
+        return {self._within + path.name for path in files if path.name != KNOWN_BY}
 
     def give_waiting(self, asset: str, other: str) -> None:
         """The windows that wait are another asset's."""
         with self.transaction() as db:
             self.database.update_due(db, asset, other)
             db.execute(update(JOBS).where(_IS, JOBS.c.asset == asset).values(asset=other))
+
+
+def _id_of_new(file: Path) -> str:
+    """The id of a folder, made where it has none yet; whoever else makes one at the same time finds the same."""
+    made = secrets.token_hex(16)
+    try:
+        with file.open("x", encoding="utf-8") as new:
+            new.write(made)
+            new.flush()
+            os.fsync(new.fileno())
+    except FileExistsError:
+        until = time.monotonic() + WRITTEN_WITHIN
+        while not (found := file.read_text(encoding="utf-8")):
+            if time.monotonic() > until:
+                file.write_text(made, encoding="utf-8")
+            time.sleep(0.01)
+        return found
+    sync_folder(file.parent)
+    return made
 
 
 def _key(window: WaitingWindow) -> dict[str, int]:

@@ -60,7 +60,7 @@ ONE_DISTURBED = (
 )
 
 
-PUT_BACK = "it was put back, or another server took its place; the service begins anew from what is there"
+PUT_BACK = "the database was put back, or another server took its place; the service begins anew from what is there"
 
 
 class Stopped(Exception):
@@ -301,8 +301,9 @@ class Work:
             if again is not None and again.id == window.id and again.file is None:  # it has been left out meanwhile
                 return self._window(place, marks, again, refuse, hand_back)
             if again == window:  # a file is deleted after the commit by which its row names it no more
+                self._windows.demand_folder()
                 raise SteppedBack(
-                    f"{file.name}, which the database names, is gone: {PUT_BACK}", reason="input or output"
+                    f"a window waits whose file is not there ({file}): {PUT_BACK}", reason="input or output"
                 )
         stages = {"verb": "window", "job": window.id, "started_ns": started_ns, "made_ns": later_time_ns()}
         fell = made.fell

@@ -720,7 +720,7 @@ class Schedule:
         assert (files, len(files)) == (named - {None}, self.kept), what
 
     def _files(self):
-        return {path.name for path in (self.data / SEGMENTS).iterdir()}
+        return {path.name for path in (self.data / SEGMENTS).glob("*.mcap")}
 
 
 SHOWN = ("records", "report", "alarms", "question", "label", "windows_total", "updates", "last_event_id")

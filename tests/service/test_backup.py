@@ -236,7 +236,7 @@ def test_check_says_what_is_wrong_and_what_to_do(data, capsys):
         db.execute("UPDATE assets SET windows = windows + 1 WHERE asset = 'other'")
         db.execute("UPDATE alarm_memory SET asset = 'nobody'")
         db.commit()
-    for path in (data / SEGMENTS).iterdir():  # of a window that waits, and of one whose signals are kept
+    for path in (data / SEGMENTS).glob("*.mcap"):  # of a window that waits, and of one whose signals are kept
         path.unlink()
     next((data / BASELINES).iterdir()).unlink()
     assert run(["check", "--data", str(data)]) == 2

@@ -142,6 +142,19 @@ def test_a_role_of_a_host_that_is_killed_is_there_again_and_nothing_is_missing(p
     assert {each: host.role(each) for each in others} == others
 
 
+def test_a_host_that_does_not_see_the_folder_of_the_fleet_is_refused_and_the_others_go_on(plant, recorded):
+    """It once took the windows that waited for lost, and had all others begin anew for each of them."""
+    paths, _ = recorded
+    plant.start("first")
+    wait_until(lambda: plant.all_served("first"), LONG)
+    with plant.sending(paths, speed=4.0, max_pause=2.0):
+        (other,) = plant.start("other", DATA=str(plant.folder / "not mounted"))
+        assert other.process.wait(LONG) != 0 and "is its disk mounted" in other.err.read_text()
+    for asset in ASSETS:
+        wait_until(lambda asset=asset: len(windows(plant.database, asset)) >= WINDOWS, LONG)
+    assert plant.all_served("first") and not (plant.folder / "not mounted").exists()
+
+
 def test_a_host_that_was_suspended_while_another_took_its_partitions_writes_nothing_more_and_has_its_share_again(
     plant, recorded
 ):

@@ -79,7 +79,7 @@ class Loop:
 
     @property
     def files(self):
-        return {path.name for path in self.folder.iterdir()}
+        return {path.name for path in self.folder.glob("*.mcap")}
 
     @property
     def named(self):
@@ -99,12 +99,12 @@ def test_a_window_comes_back_exactly_as_it_was_also_after_a_restart(loop):
     assert same(again.window("unsw", 3, None, laid_out), made(segment_of(lost)))
     (kept,) = again.kept("unsw")
     assert (kept.number, kept.start_ns, kept.revolutions) == (3, lost.start_time_ns, 4095.25)
-    assert kept.bytes == sum(p.stat().st_size for p in loop.folder.iterdir())
+    assert kept.bytes == sum(p.stat().st_size for p in loop.folder.glob("*.mcap"))
 
 
 def test_the_file_in_which_a_window_waited_is_the_one_that_is_kept_and_is_never_written_again(loop):
     outcome = loop.outcome(0)
-    (path,) = loop.folder.iterdir()
+    (path,) = loop.folder.glob("*.mcap")
     before = path.stat()
     fakes.commit(loop.sink, outcome)
     assert loop.files == loop.named == {path.name} and loop.windows.waiting("unsw") == ()
@@ -127,7 +127,7 @@ def test_a_window_that_is_not_kept_says_which_are(loop):
     loop.commit(4)
     with pytest.raises(NotKept, match=r"window 0 are not kept; kept are 4$"):
         loop.signals.window("unsw", 0, None, laid_out)
-    (path,) = loop.folder.iterdir()
+    (path,) = loop.folder.glob("*.mcap")
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(NotKept, match="is damaged"):
         loop.signals.window("unsw", 4, None, laid_out)
@@ -261,8 +261,9 @@ def test_each_asset_has_its_own_bound(loop):
 
 def test_several_processes_commit_at_the_same_time_with_no_memory_of_what_is_kept(where, tmp_path):
     with SqlStore(where) as one, SqlStore(where) as other, ThreadPoolExecutor(2) as at_once:
-        size = Loop(one, tmp_path / "scratch").waits(window(), "other").bytes
-        loops = [Loop(store, tmp_path / "segments", 8 * size) for store in (one, other)]
+        one_window = Loop(one, tmp_path / "segments").windows.write(segment_of(window(), "other"))
+        one_window.path.unlink()
+        loops = [Loop(store, tmp_path / "segments", 8 * one_window.bytes) for store in (one, other)]
         loops[0].commit(0)
 
         def commit_some(place):
@@ -383,6 +384,6 @@ def test_a_killed_process_leaves_whole_windows_only(tmp_path):
 def test_what_a_process_was_to_delete_that_is_killed_after_its_commit_goes_at_the_next_start(tmp_path):
     killed(tmp_path, "deletes", after=10_000)
     with SqlStore(tmp_path / "twin.sqlite") as store:
-        assert len(list((tmp_path / "segments").iterdir())) == 2
+        assert len(list((tmp_path / "segments").glob("*.mcap"))) == 2
         loop = Loop(store, tmp_path / "segments")
         assert loop.signals.indices("unsw") == (1,) and loop.files == loop.named

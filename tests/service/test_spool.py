@@ -108,7 +108,7 @@ def test_raw_signals_are_written_once_the_file_that_waited_becomes_the_one_that_
         wait_until(lambda: len(waiting(running)) >= 3)
         waited = {f.stat().st_ino for f in (running.folder / SEGMENTS).glob("*.mcap")}
         running.wait_for_windows(WINDOWS)
-        assert waited <= {f.stat().st_ino for f in (running.folder / SEGMENTS).iterdir()}
+        assert waited <= {f.stat().st_ino for f in (running.folder / SEGMENTS).glob("*.mcap")}
         assert len(running.get("/v1/assets/unsw/signals")["windows"]) == WINDOWS
         assert running.get("/v1/assets/unsw/windows/4/signals/waveform") is not None
     finally:

@@ -6,7 +6,7 @@ from alembic import op
 
 from service.results.schema import METADATA
 
-revision = "0015"
+revision = "0016"
 down_revision = None
 
 
