@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -158,7 +159,7 @@ def key(
 
 @app.command()
 def down(database: Database = None, address: Address = None, data: Data = None, config: ConfigFile = None) -> None:
-    """End all hosts in good order: what is committed stays, and what waits is left to the next start."""
+    """End the fleet that `fleet up` runs here or on a cluster, in good order; hosts begun with `fleet host` go on."""
     from service.errors import DeliveryError
     from service.fleet.databases import layout_at
     from service.fleet.engine import Engine
@@ -168,7 +169,8 @@ def down(database: Database = None, address: Address = None, data: Data = None, 
     settings = _settings(database=database, fleet_address=address, data=data, config=config)
     if settings.fleet_address is None:
         process = running(settings.data)
-        os.kill(process, signal.SIGTERM)
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(process, signal.SIGTERM)
         end = time.monotonic() + DOWN_WITHIN
         while (settings.data / RUNNING).exists():
             if time.monotonic() > end:
@@ -178,7 +180,7 @@ def down(database: Database = None, address: Address = None, data: Data = None, 
         layout_at(database_of(settings))
         with ray_session(settings.fleet_address) as ray:
             Engine(ray).end()
-    print("the fleet has ended")
+    print("all that fleet up has started has ended; hosts that were started with fleet host go on")
 
 
 def _opened(settings: Any) -> Any:

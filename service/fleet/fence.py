@@ -17,7 +17,7 @@ from typing import NoReturn
 import sqlalchemy as sa
 from sqlalchemy import Connection, bindparam
 
-from service.errors import StoreError
+from service.errors import StorageUnavailable, StoreError
 from service.fleet.layout import PARTITIONS, expect_revision
 from service.results.commit_marks import Mark, marked
 from service.results.roles import INGEST, forget, ident_of
@@ -72,11 +72,12 @@ class Fence:
     def take(self, db: Connection) -> int:
         """Takes the partition from whoever has it, within a transaction; the token.
 
-        Raises StoreError where the fleet's tables are of another release, or the partition is another host's.
+        Raises StoreError where the fleet's tables are of another release, and StorageUnavailable where the partition is
+        another host's.
         """
         expect_revision(db)
         if self.host is not None and db.execute(_HOST, {"of": self.partition}).scalar() != self.host:
-            raise StoreError(f"partition {self.partition} is another host's by now")
+            raise StorageUnavailable(f"partition {self.partition} is another host's by now", reason="locked")
         db.execute(_END_OTHERS, {"named": f"{named(self.partition)} %", "own": self.application})
         self.token = db.execute(_TAKE, {"of": self.partition}).scalar_one()
         forget(db, ident_of(INGEST, self.partition))  # until this process says how it is

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -124,12 +124,12 @@ def _route(settings: Settings, context: Context) -> None:
 
 def running(folder: Path) -> int:
     """The process of the `fleet up` that runs on this machine alone; InputError where none does."""
-    if (folder / RUNNING).exists():
-        try:
-            with only_service_of(folder):  # left by one that was killed
-                (folder / RUNNING).unlink()
-        except InputError:
-            return int((folder / RUNNING).read_text(encoding="utf-8"))
+    with suppress(FileNotFoundError, ValueError):
+        computer, process, began = (folder / RUNNING).read_text(encoding="utf-8").split()
+        if computer != socket.gethostname():
+            raise InputError(f"the fleet with the folder {folder} runs on {computer}: it is ended there")
+        if _began(process) == began:
+            return int(process)
     raise InputError(
         f"no fleet runs with the folder {folder} on this machine alone; one on a cluster is given by --address"
     )
@@ -137,12 +137,21 @@ def running(folder: Path) -> int:
 
 @contextmanager
 def _noted(file: Path) -> Iterator[None]:
-    """This process's number in a file while inside."""
-    file.write_text(f"{os.getpid()}\n", encoding="utf-8")
+    """This process in a file while inside: its computer, its number there, and when it began."""
+    new = file.with_suffix(".new")
+    new.write_text(f"{socket.gethostname()} {os.getpid()} {_began(str(os.getpid()))}\n", encoding="utf-8")
+    new.replace(file)
     try:
         yield
     finally:
         file.unlink(missing_ok=True)
+
+
+def _began(process: str) -> str | None:
+    """When a process of this computer has begun, as the kernel counts it; None where there is none of the number."""
+    with suppress(OSError):
+        return Path("/proc", process, "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19]
+    return None
 
 
 def _reached(endpoint: str) -> str:

@@ -93,7 +93,7 @@ class StorageWatch:
     def worked(self) -> None:
         """All that waited for the storage has been kept."""
         if self.reason is not None:
-            log.warning("%s can be used again: what waited has been kept", self._where)
+            log.warning("the storage can be used again: what waited has been kept")
         self.reason = self._cause = None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 
@@ -19,6 +20,7 @@ from service.fleet.census import census
 from service.fleet.databases import front_tables
 from service.fleet.layout import Layout
 from service.json_text import plain
+from service.results.data_folder import only_service_of
 from service.results.roles import Roles
 from service.results.sql_store import SqlStore
 from service.runtime.assess import assess
@@ -124,7 +126,7 @@ def test_a_fleet_on_a_cluster_goes_on_without_fleet_up_and_on_the_nodes_that_the
             wait_until(lambda: any(now > was for now, was in zip(tokens(), before, strict=True)) and served(), LONG)
         finally:
             running.end()
-        assert command("down") == "the fleet has ended\n" and not served()
+        assert command("down").startswith("all that fleet up has started has ended") and not served()
 
 
 @pytest.mark.engine
@@ -160,9 +162,15 @@ def test_commands_without_a_fleet_say_so(tmp_path, empty_postgresql, capsys):
     assert "the database holds no fleet: gear-twin fleet up makes one" in capsys.readouterr().err
     assert run(["fleet", "down", "--data", str(tmp_path)]) == 2
     assert "no fleet runs with the folder" in capsys.readouterr().err
-    (tmp_path / "fleet.pid").write_text(f"{os.getpid()}\n")  # of a fleet that was killed: the number is another's now
+    here = socket.gethostname()
+    for left in ("", f"{os.getpid()}\n", f"{here} {os.getpid()} 1\n", f"{here} 4194305 1\n"):  # of one that was killed
+        (tmp_path / "fleet.pid").write_text(left)  # whatever has that number now, and a service that has the folder
+        with only_service_of(tmp_path):
+            assert run(["fleet", "down", "--data", str(tmp_path)]) == 2
+        assert "no fleet runs with the folder" in capsys.readouterr().err
+    (tmp_path / "fleet.pid").write_text(f"elsewhere {os.getpid()} 1\n")
     assert run(["fleet", "down", "--data", str(tmp_path)]) == 2
-    assert "no fleet runs with the folder" in capsys.readouterr().err
+    assert "runs on elsewhere: it is ended there" in capsys.readouterr().err
     assert run(["fleet", "down", "--database", empty_postgresql, "--address", "127.0.0.1:1"]) == 2
     assert "the database holds no fleet" in capsys.readouterr().err
     assert run(["fleet", "status"]) == 2

@@ -75,10 +75,11 @@ def halting(frames):
 @pytest.mark.slow
 def test_a_renamed_asset_is_served_under_all_its_names_and_nowhere_else(tmp_path, fleet, capsys):
     first, second, third = (write_recording(tmp_path / f"{n}.mcap", n) for n in (2, 3, 4))  # each goes on from the last
+    shared = {"DATA": str(tmp_path / "data")}
     with (
         routed() as endpoint,
-        worker(tmp_path / "own", fleet, endpoint) as own,
-        worker(tmp_path / "hashed", fleet, endpoint, NEW) as hashed,
+        worker(tmp_path / "own", fleet, endpoint, **shared) as own,
+        worker(tmp_path / "hashed", fleet, endpoint, NEW, **shared) as hashed,
         front(fleet, own.given["DATA"]) as address,
         httpx.Client(base_url=address, timeout=60) as ask,
     ):

@@ -92,7 +92,12 @@ def test_two_partitions_whose_server_fails_over_to_one_that_lags_go_on_from_what
         endpoint = stack.enter_context(routed())
         workers = {
             asset: PartitionProcess(
-                tmp_path / asset, url, endpoint, partition=LAYOUT.partition_of(asset), partitions=2
+                tmp_path / asset,
+                url,
+                endpoint,
+                partition=LAYOUT.partition_of(asset),
+                partitions=2,
+                DATA=str(tmp_path / "data"),
             ).start()
             for asset in recordings
         }

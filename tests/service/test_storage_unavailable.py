@@ -203,7 +203,7 @@ def test_a_cause_is_said_once_and_tried_again_with_growing_pauses(caplog):
     watch.worked()
     watch.worked()
     assert watch.reason is None and [r.message for r in caplog.records[2:]] == [
-        "data can be used again: what waited has been kept"
+        "the storage can be used again: what waited has been kept"
     ]
 
 
