@@ -25,6 +25,7 @@ ASK_FRAMES = 256  # sent between two questions, at most ...
 ASK_BYTES = 2**22  # ... and so many bytes
 KEPT_BYTES = 256 * 2**20  # of frames that are not stored yet
 ANSWER_WAIT = 12.0  # for one answer [s]
+COUNTED_WITHIN = 0.5  # frames that a question has overtaken have come after this time [s]
 ON_THE_WAY = 1.5  # frames that have not come after this time are sent again [s]
 SENT_AGAIN = 5  # times, without anything being stored meanwhile
 STORED_WAIT = 600.0  # how long a service that answers may store nothing [s]
@@ -95,6 +96,7 @@ class Delivery:
         self._asked = clock()
         self._sent: dict[tuple[str, str], Ranges] = {}  # sequence numbers by stream and channel
         self._last: dict[tuple[str, str], tuple[int, int]] = {}  # by stream and channel: the newest frame sent
+        self._before: dict[tuple[str, str], int] = {}  # by stream and channel: where the newest lay that was there [ns]
         self._first: set[tuple[str, str]] = set()  # of them, those whose first frame is not known to have come
         self._disordered: set[tuple[str, str]] = set()  # of them, those that were not sent in order of time
         self._instances: dict[str, set[str]] = {}
@@ -135,6 +137,7 @@ class Delivery:
         """Returns once all that was sent is stored; DeliveryError with how much is not, and why."""
         self._sending = False
         self._until(lambda: not self._kept)
+        self._until_counted()
 
     def left_out(self) -> dict[str, int]:
         """Frames that a service has not used since this began, by cause."""
@@ -147,6 +150,20 @@ class Delivery:
         return {cause: number for cause, number in sorted(found.items()) if number > 0}
 
     # -- waiting -------------------------------------------------------------------------------------
+
+    def _until_counted(self) -> None:
+        """Waits for the causes of frames that lie before the newest of which a service knew when this began.
+
+        That they have come shows by nothing else, and a question may overtake them: no cause is new for a while then.
+        """
+        earlier = {key[0] for key, (_, start) in self._last.items() if start <= self._before.get(key, start - 1)}
+        while earlier:
+            counted = dict(self._left_out)
+            self._sleep(COUNTED_WITHIN)
+            for stream, positions in self._positions(sorted(earlier)):
+                self._note_services(stream, positions)
+            if self._left_out == counted:
+                return
 
     def _until(self, enough: Callable[[], bool], *, or_refused: bool = False) -> None:
         """Asks until all frames sent have come and it is enough, or a service says why it takes none at present."""
@@ -261,6 +278,8 @@ class Delivery:
                 known.add(position.instance)
                 for label, newest in position.channels.items():  # a gap after it was there before
                     self._sent.setdefault((stream, label), Ranges()).add(newest.sequence)
+                    before = self._before.get((stream, label), newest.start_time_ns)
+                    self._before[stream, label] = max(before, newest.start_time_ns)
                 self._left_out[key] = (Counter(position.left_out), Counter(position.left_out))
             self._left_out[key] = (self._left_out[key][0], Counter(position.left_out))
         return restarted

@@ -6,6 +6,7 @@ import json
 import random
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from service_streams import Sink, go_on
 from streams import ACCEL, ASSET, bursts, content, unbroken
@@ -40,6 +41,8 @@ class Stand:
         self.now, self.committed, self.answers, self.published = 100.0, [], [], []
         self.backlog, self.refused, self.kills, self.lost, self.up = 0, None, 0, 0, True
         self.on_the_way, self.pipeline = [], None
+        self.late = False
+        self.overtaken = 0  # questions that come before the frames that were sent before them
         self.start()
 
     def start(self):
@@ -96,7 +99,7 @@ class Stand:
             self.lost += 1
             return
         self.on_the_way.append(frame)
-        if len(self.on_the_way) > 12 * self.shuffle:
+        if len(self.on_the_way) > 12 * self.shuffle and not self.overtaken:
             self.arrive(self.on_the_way.pop(0))
 
     def arrive(self, frame):
@@ -113,12 +116,10 @@ class Stand:
         if not self.up:
             self.now += seconds
             return []
-        for channel in self.rng.sample(
-            sorted({f.channel for f in self.on_the_way}), k=len({f.channel for f in self.on_the_way})
-        ):
-            for frame in [f for f in self.on_the_way if f.channel == channel]:  # the order of one key is kept
-                self.arrive(frame)
-        self.on_the_way = []
+        if self.overtaken:
+            self.overtaken, self.late = self.overtaken - 1, True
+        else:
+            self._all_arrive()
         texts = []
         self.positions.ask(stream, texts.append)
         for _ in range(round(seconds / 0.1)):
@@ -127,7 +128,17 @@ class Stand:
                 break
         return texts
 
+    def _all_arrive(self):
+        for channel in self.rng.sample(
+            sorted({f.channel for f in self.on_the_way}), k=len({f.channel for f in self.on_the_way})
+        ):
+            for frame in [f for f in self.on_the_way if f.channel == channel]:  # the order of one key is kept
+                self.arrive(frame)
+        self.on_the_way = []
+
     def sleep(self, seconds):
+        if self.late and not self.overtaken:
+            self._all_arrive()
         self.run(seconds)
 
 
@@ -284,7 +295,7 @@ def test_streams_are_asked_about_together_at_first_and_whenever_it_is_asked_what
             newest = {frame.channel.label: {"sequence": frame.sequence, "start_time_ns": frame.start_time_ns}}
             yield json.dumps({"asset": stream, "accepting": True, "instance": "first", "channels": newest})
 
-    delivery = Delivery(Service(), clock=lambda: 0.0)
+    delivery = Delivery(Service(), clock=lambda: 0.0, sleep=lambda seconds: None)
     together = ["asked"] * ASKED_TOGETHER + ["read", "asked"] * 10 + ["read"] * ASKED_TOGETHER
     delivery.begin(streams)
     assert happened == together
@@ -292,7 +303,7 @@ def test_streams_are_asked_about_together_at_first_and_whenever_it_is_asked_what
         delivery.send(RawFrame(frame.channel._replace(asset=stream), frame.end_time_ns, encode(frame)))
     assert happened == together
     delivery.finish()
-    assert happened == 2 * together and delivery.settled == len(streams)
+    assert happened == 3 * together and delivery.settled == len(streams)  # once more: all of it was there before
 
 
 def test_a_service_that_never_answers_is_given_up_in_time():
@@ -315,6 +326,22 @@ def test_frames_that_are_left_out_are_counted_by_cause():
     delivery.finish()
     assert delivery.left_out() == {"invalid": 1}  # frames that came again are none
     assert len(stand.committed) == 4
+
+
+@pytest.mark.parametrize("overtaken", [0, 1])
+def test_frames_of_used_times_are_counted_also_where_questions_overtake_them(overtaken):
+    """Their newest one is what came last already; a recording of another content was once said to be stored."""
+    frames = bursts(4, frames=8)
+    stand = Stand()
+    sent(stand, frames)
+    delivery = Delivery(stand, clock=lambda: stand.now, sleep=stand.sleep)
+    stand.overtaken = 99 * overtaken
+    for frame in frames:
+        louder = replace(frame, values=frame.values * np.float32(3)) if frame.channel == ACCEL else frame
+        delivery.send(RawFrame(frame.channel, frame.end_time_ns, encode(louder)))
+    stand.overtaken = overtaken
+    delivery.finish()
+    assert delivery.left_out() == {"conflict": sum(frame.channel == ACCEL for frame in frames)}
 
 
 @pytest.mark.parametrize("seed", range(20))
