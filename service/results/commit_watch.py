@@ -4,8 +4,8 @@
         while not ended:
             if watch.wait(0.5) is not None: ...   # look at the tables
 
-After a commit to a file of SQLite its folder's times are set, which the system says to whoever waits; a PostgreSQL
-server passes on which assets a transaction has written to. What is lost on the way is found by looks.
+After each commit to SQLite the process sets the times of the file's folder, which others watch by inotify. PostgreSQL
+passes on the ids of assets that a transaction has written to (NOTIFY). A notice may be lost: whoever waits looks, too.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PAUSE = 1.0  # after the database did not answer [s]
 class CommitWatch(Protocol):
     """One who waits, in one thread.
 
-    misses  whether something may be committed of which it notices nothing
+    misses  whether the caller must look by itself, also where `wait` answers None
     """
 
     misses: bool
@@ -103,7 +103,7 @@ class FileWatch:
 
 
 class _Notices:
-    """What the system says of a folder's times (inotify); where it says nothing, there may be something every time."""
+    """Notices that a folder's times were set, by inotify. Without it, each wait is short and ends with "perhaps"."""
 
     def __init__(self, folder: Path) -> None:
         self._events = -1

@@ -70,7 +70,8 @@ class OwnRole:
         rows = self._database.rows(_WRITTEN, {"of": self._ident}) if self._beat else []
         if not rows or (rows[0].host, rows[0].began_ns) == (self._row["host"], self.began_ns):
             return None
-        return rows[0].host if (rows[0].beat, rows[0].host) > (self._beat, self._row["host"]) else None
+        own = self._beat, self._row["host"], self.began_ns  # the latter two only where both have written as often
+        return rows[0].host if (rows[0].beat, rows[0].host, rows[0].began_ns) > own else None
 
     def gone(self) -> None:
         """The process ends."""
