@@ -20,10 +20,9 @@ from sqlalchemy.pool import NullPool
 from service.errors import StoreError
 from service.fleet.fence import ABANDONED, Fence
 from service.fleet.layout import SCHEMA, Layout, expect_revision, layout_of
-from service.fleet.naming import NAMED
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
 from service.results.commit_marks import Mark
-from service.results.commit_watch import CHANNEL
+from service.results.commit_watch import NAMED, tell_server
 from service.results.database import Database
 from service.results.schema import ASSETS
 from service.results.storage_faults import storage_error
@@ -105,13 +104,12 @@ class FleetTables(Postgresql):
     def named(self, db: Connection, asset: str, name: str) -> None:
         """Says it where the name hashes to another partition than that of the asset."""
         if db.execute(_SHARE, {"of": asset}).scalar() != self.layout.partition_of(name):
-            db.execute(sa.text("SELECT pg_notify(:channel, :named)"), {"channel": CHANNEL, "named": NAMED})
+            tell_server(db.execute, {NAMED})
 
     def engines(self) -> tuple[Engine, Engine]:
         """For transactions and for reading."""
         pool = {"pool_size": self.readers, "max_overflow": 2 * self.readers, "pool_timeout": LOCK_WAIT}
-        reader = self.engine(STATEMENT_WAIT, self.called, **pool)
-        return self._claiming or self._writing(), reader.execution_options(isolation_level="AUTOCOMMIT")
+        return self._claiming or self._writing(), self.reader(self.called, **pool)
 
     def begun(self, db: Connection) -> None:
         expect_revision(db)

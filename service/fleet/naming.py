@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from functools import lru_cache
 
 import sqlalchemy as sa
 
 from service.fleet.layout import Layout
-from service.results.commit_watch import ALL
+from service.results.commit_watch import Noticed
 from service.results.schema import ASSETS, NAMES
 from service.results.store import Tables
 
-NAMED = " names"  # where an asset has been given a name that hashes to another partition; no asset is called so
 _ALL = sa.select(NAMES.c.name, ASSETS.c.share).join(ASSETS, ASSETS.c.asset == NAMES.c.asset)
 
 
@@ -32,9 +30,9 @@ class PartitionStreams:
         of = self._layout.partition_of
         self._elsewhere = {name: share for name, share in database.rows(_ALL) if of(name) != share}
 
-    def committed(self, database: Tables, assets: Collection[str]) -> None:
+    def committed(self, database: Tables, noticed: Noticed) -> None:
         """Reads it again where something may have changed it. StoreError where that is not possible now."""
-        if assets == ALL or NAMED in assets:
+        if noticed.named:
             self.read(database)
 
     def refusal(self, stream: str) -> str | None:

@@ -14,6 +14,7 @@ from sqlalchemy import bindparam, func, select, update
 
 from service.json_text import compact, plain
 from service.results.asset_list import area_of, severity_of, words_of
+from service.results.commit_watch import Shown
 from service.results.json_columns import dump, salvage
 from service.results.schema import ASSETS
 from service.results.snapshot import Snapshot, Stale, Waiting
@@ -28,7 +29,9 @@ _PUT = (
 )
 
 
-_VERSIONS = select(ASSETS.c.asset, ASSETS.c.version).where(ASSETS.c.asset.in_(bindparam("of", expanding=True)))
+_SHOWN = select(ASSETS.c.share, ASSETS.c.version, ASSETS.c.asset).where(
+    ASSETS.c.asset.in_(bindparam("of", expanding=True))
+)
 
 
 def put(database: Tables, snapshots: Collection[Snapshot]) -> dict[str, int]:
@@ -40,8 +43,9 @@ def put(database: Tables, snapshots: Collection[Snapshot]) -> dict[str, int]:
         for asset in rows:
             database.ensure(db, asset)
         db.execute(_PUT, [{"of": asset, **row} for asset, row in rows.items()])
-        versions = db.execute(_VERSIONS, {"of": list(rows)}).all()
-    return dict(tuple(row) for row in versions)
+        shown = [Shown(*row) for row in db.execute(_SHOWN, {"of": list(rows)})]
+        database.show(shown)
+    return {row.asset: row.version for row in shown}
 
 
 def row_of(snapshot: Snapshot) -> dict[str, Any]:

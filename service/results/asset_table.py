@@ -26,6 +26,7 @@ from service.results.asset_changes import AssetChanges
 from service.results.asset_list import Choice, Page, Place, area_entry
 from service.results.asset_rows import put, volatile_of
 from service.results.change_signal import ChangeSignal
+from service.results.commit_watch import Shown
 from service.results.schema import ASSETS, EVENTS
 from service.results.snapshot import Snapshot
 from service.results.sql_store import SqlStore
@@ -262,12 +263,6 @@ class AssetTable:
         database = self._store.database
         return database.rows(query.where(database.own(ASSETS.c.asset)))
 
-    def of_share(self, assets: Collection[str]) -> Collection[str]:
-        """Those of some assets that this process looks after."""
-        if self._store.database.share is None:
-            return assets
-        return [asset for (asset,) in self._rows(select(ASSETS.c.asset).where(ASSETS.c.asset.in_(assets)))]
-
     def known(self) -> tuple[str, ...]:
         """The assets of which this process has a snapshot, sorted."""
         return tuple(sorted(self._made))
@@ -348,6 +343,17 @@ class AssetTable:
             made = self._made.get(asset)
             if made is None or made.seen.version < version:
                 found.append(asset)
+        if found:
+            self.changed(*found)
+        return tuple(found)
+
+    def take(self, shown: Collection[Shown]) -> tuple[str, ...]:
+        """Takes note of rows that have been written; the assets of this process's share that others have written."""
+        share, found = self._store.database.share, []
+        for row in shown:
+            made = self._made.get(row.asset)
+            if share in (None, row.share) and (made is None or made.seen.version != row.version):
+                found.append(row.asset)
         if found:
             self.changed(*found)
         return tuple(found)

@@ -28,7 +28,7 @@ from service.results.at_work import AtWork, FileClaims, SessionClaims
 from service.results.bounded_connection import connecting
 from service.results.claims import Claims
 from service.results.commit_marks import Mark, marked, was_committed
-from service.results.commit_watch import CHANNEL, CommitWatch, FileWatch, ServerWatch, say_committed
+from service.results.commit_watch import CommitWatch, FileWatch, ServerWatch, Shown, say_committed, tell_server
 from service.results.schema import ASSETS
 
 LOCK_WAIT = 10.0  # how long a database that another program locks is waited for [s]
@@ -43,7 +43,6 @@ NO_SHARED_MEMORY = ("SQLITE_IOERR_SHMOPEN", "SQLITE_IOERR_SHMMAP", "SQLITE_IOERR
 """Errors of a file system that has no memory in common for the processes that have a file open."""
 
 
-_TELL = sa.text("SELECT pg_notify(:channel, asset) FROM unnest(CAST(:assets AS text[])) AS asset")
 _TURN = sa.select(ASSETS.c.asset).where(ASSETS.c.asset == sa.bindparam("of")).with_for_update()
 
 
@@ -97,7 +96,7 @@ class Backend(Protocol):
         """StoreError where the database is seen to be damaged at the first look."""
         ...
 
-    def size(self, engine: Engine) -> int:
+    def size(self, db: Connection) -> int:
         """What the database takes [bytes]."""
         ...
 
@@ -123,8 +122,11 @@ class Backend(Protocol):
         """Within the transaction that gives an asset a name."""
         ...
 
-    def tell(self, engine: Engine, assets: Collection[str]) -> None:
-        """After a transaction, by the assets that it has written to: whoever waits for that learns it, as a rule."""
+    def tell(self, engine: Engine, shown: Collection[Shown] | None) -> None:
+        """After a transaction: whoever waits for one learns it, as a rule.
+
+        shown  the rows that it has written by which assets are shown; None where it has written nothing of an asset
+        """
         ...
 
     def watching(self) -> CommitWatch:
@@ -251,7 +253,7 @@ class SqliteFile(OneService):
                 if found != "ok":
                     raise StoreError(f"it is damaged: {' '.join(found.split())}")
 
-    def size(self, engine: Engine) -> int:
+    def size(self, db: Connection) -> int:
         """File and write-ahead log."""
         files = (self.path, self.path.with_name(f"{self.path.name}-wal"))
         return sum(file.stat().st_size for file in files if file.exists())
@@ -273,7 +275,7 @@ class SqliteFile(OneService):
                 reason="input or output",
             )
 
-    def tell(self, engine: Engine, assets: Collection[str]) -> None:
+    def tell(self, engine: Engine, shown: Collection[Shown] | None) -> None:
         say_committed(self.path.parent)
 
     def watching(self) -> CommitWatch:
@@ -330,8 +332,8 @@ class Postgresql(OneService):
             self._claiming.dispose()
 
     def engines(self) -> tuple[Engine, Engine]:
-        reader = self.engine(STATEMENT_WAIT, pool_size=READERS, max_overflow=READERS, pool_timeout=LOCK_WAIT)
-        return self._claiming or self._writer(), reader.execution_options(isolation_level="AUTOCOMMIT")
+        pool: dict[str, Any] = {"pool_size": READERS, "max_overflow": READERS, "pool_timeout": LOCK_WAIT}
+        return self._claiming or self._writer(), self.reader(**pool)
 
     def _writer(self) -> Engine:
         """One connection, which holds what the service claims."""
@@ -348,27 +350,36 @@ class Postgresql(OneService):
     def for_reading(self) -> Engine:
         return self.engine(0, poolclass=NullPool)
 
-    def engine(self, wait: float, name: str = "gear-twin", **pool: Any) -> Engine:
-        """Connections on which one statement may take so long [s; 0: without end], by a name that the server shows."""
+    def engine(self, wait: float, name: str = "gear-twin", **given: Any) -> Engine:
+        """Connections on which one statement may take so long [s; 0: without end], by a name that the server shows.
+
+        given  arguments of `create_engine`
+        """
         options = f"-c statement_timeout={int(1000 * wait)} -c lock_timeout={int(1000 * LOCK_WAIT)}"
         arguments: dict[str, Any] = {"connect_timeout": CONNECT_WAIT, **SILENT_AFTER}
         # A server that was set up without a locale hands out bytes otherwise, which SQLAlchemy ends with a traceback.
         arguments |= {"application_name": name, "client_encoding": "utf8"}
         arguments["options"] = " ".join(filter(None, (options, self.url.query.get("options"))))  # type: ignore[arg-type]
-        engine = sa.create_engine(self.url, connect_args=arguments, pool_pre_ping=True, **pool)
+        engine = sa.create_engine(self.url, **{"connect_args": arguments, "pool_pre_ping": True, **given})
         if wait > 0:
             event.listen(engine, "do_connect", connecting(wait + ANSWER_WAIT))
         return engine
+
+    def reader(self, name: str = "gear-twin", **pool: Any) -> Engine:
+        """Connections to read with: whoever finds one lost reads once more, on another.
+
+        To ask before each read whether its connection leads anywhere doubles the statements.
+        """
+        return self.engine(STATEMENT_WAIT, name, isolation_level="AUTOCOMMIT", pool_pre_ping=False, **pool)
 
     def examine(self, engine: Engine) -> None:
         """The server looks after its pages; a connection that fails does so here, not at the first window."""
         with engine.connect():
             pass
 
-    def size(self, engine: Engine) -> int:
+    def size(self, db: Connection) -> int:
         """By the server's own account."""
-        with engine.connect() as db:
-            return int(db.exec_driver_sql("SELECT pg_database_size(current_database())").scalar_one())
+        return int(db.exec_driver_sql("SELECT pg_database_size(current_database())").scalar_one())
 
     def insert(self, table: sa.Table) -> Any:
         from sqlalchemy.dialects import postgresql  # services with SQLite do not load it
@@ -381,12 +392,12 @@ class Postgresql(OneService):
     def turn(self, db: Connection, asset: str) -> None:
         db.execute(_TURN, {"of": asset})
 
-    def tell(self, engine: Engine, assets: Collection[str]) -> None:
+    def tell(self, engine: Engine, shown: Collection[Shown] | None) -> None:
         """After the commit, since a server holds up all others that tell something within theirs."""
-        if not assets:
+        if shown is None:
             return
         with suppress(Exception), engine.connect() as db:  # it is committed, and found by looks
-            db.execute(_TELL, {"channel": CHANNEL, "assets": sorted(assets)})
+            tell_server(db.execute, shown or {""})
 
     def watching(self) -> CommitWatch:
         return ServerWatch(self._listening)
@@ -400,8 +411,9 @@ class Postgresql(OneService):
         return psycopg.connect(url, autocommit=True, connect_timeout=CONNECT_WAIT)
 
     def at_work(self) -> AtWork:
-        engine = self.engine(STATEMENT_WAIT, "gear-twin at work", pool_size=1, max_overflow=0)
-        return SessionClaims(engine.execution_options(isolation_level="AUTOCOMMIT"), self.name)
+        one: dict[str, Any] = {"pool_size": 1, "max_overflow": 0}
+        engine = self.engine(STATEMENT_WAIT, "gear-twin at work", isolation_level="AUTOCOMMIT", **one)
+        return SessionClaims(engine, self.name)
 
     def mark(self, db: Connection) -> Mark:
         mark = marked(db, *self.next_transaction())

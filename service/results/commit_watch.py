@@ -5,7 +5,7 @@
             if watch.wait(0.5) is not None: ...   # look at the tables
 
 After each commit to SQLite the process sets the times of the file's folder, which others watch by inotify. PostgreSQL
-passes on the ids of assets that a transaction has written to (NOTIFY). A notice may be lost: whoever waits looks, too.
+passes on which assets are shown otherwise after a transaction (NOTIFY). A notice may be lost: whoever waits looks, too.
 """
 
 from __future__ import annotations
@@ -19,17 +19,45 @@ import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
+
+import sqlalchemy as sa
 
 log = logging.getLogger(__name__)
+
+_TELL = sa.text("SELECT pg_notify(:channel, text) FROM unnest(CAST(:texts AS text[])) AS text")
 
 CHANNEL = "gear_twin"  # on which a server passes on what is committed
 LOOK_EVERY = 2.0  # for a commit that nobody tells: its process was killed just then, or is another program's [s]
 LOOK_OFTEN = 0.2  # the same where the system has no notices, or no more of them [s]
 TIMES_SET = 0x4  # IN_ATTRIB of Linux's inotify
 GATHER = 0.01  # during which notifications are taken together [s]
-ALL = frozenset({""})  # instead of the assets
 PAUSE = 1.0  # after the database did not answer [s]
+NAMED = "names"  # is passed on where an asset has been given a name that hashes to another share
+
+
+class Shown(NamedTuple):
+    """The row of an asset that a transaction has written, by which the asset is shown."""
+
+    share: int
+    version: int
+    asset: str
+
+
+class Noticed(NamedTuple):
+    """That something has been committed.
+
+    shown   rows that have been written; None where the table of assets says which
+    named   whether an asset may have been given a name that hashes to another share
+    missed  whether more may have been committed, of any asset
+    """
+
+    shown: frozenset[Shown] | None = None
+    named: bool = False
+    missed: bool = False
+
+
+SOMETHING = Noticed()
 
 
 class CommitWatch(Protocol):
@@ -40,12 +68,8 @@ class CommitWatch(Protocol):
 
     misses: bool
 
-    def wait(self, seconds: float) -> Collection[str] | None:
-        """Waits until something has been committed, for so long at most [s].
-
-        None where nothing was; `()` where the table of assets says of which it was; `ALL` where all may have changed;
-        else the assets' ids.
-        """
+    def wait(self, seconds: float) -> Noticed | None:
+        """Waits until something has been committed, for so long at most [s]; None where nothing was."""
         ...
 
     def close(self) -> None: ...
@@ -67,7 +91,7 @@ class FileWatch:
         self._connection: Any = None
         self._notices: _Notices | None = None
 
-    def wait(self, seconds: float) -> Collection[str] | None:
+    def wait(self, seconds: float) -> Noticed | None:
         end, noticed = time.monotonic() + seconds, False
         while True:
             if noticed or time.monotonic() - self._asked >= LOOK_EVERY:
@@ -80,7 +104,7 @@ class FileWatch:
                     return None
                 if present != self._seen:
                     self._seen = present
-                    return ()
+                    return SOMETHING
             now = time.monotonic()
             if now >= end:
                 return None
@@ -153,12 +177,12 @@ class SharedWatch:
             self._number += 1
             self._changed.notify_all()
 
-    def wait(self, seconds: float) -> Collection[str] | None:
+    def wait(self, seconds: float) -> Noticed | None:
         with self._changed:
             before = getattr(self._seen, "number", 0)
             self._changed.wait_for(lambda: self._number != before, seconds)
             self._seen.number = self._number
-            return None if self._number == before else ()
+            return None if self._number == before else SOMETHING
 
     def close(self) -> None:
         pass
@@ -174,17 +198,17 @@ class ServerWatch:
         self._connect = connect
         self._connection: Any = None
 
-    def wait(self, seconds: float) -> Collection[str] | None:
+    def wait(self, seconds: float) -> Noticed | None:
         try:
             if self._connection is None:
                 self._connection = self._connect()
                 self._connection.execute(f"LISTEN {CHANNEL}")
-                return ALL
+                return Noticed(named=True, missed=True)
             found = [each.payload for each in self._connection.notifies(timeout=seconds, stop_after=1)]
             if not found:
                 return None
             found += [each.payload for each in self._connection.notifies(timeout=GATHER)]
-            return frozenset(found)
+            return Noticed(frozenset(filter(None, map(_shown, found))), named=NAMED in found)
         except Exception as error:  # whoever keeps something there says why
             log.debug("the notifications of the database: %s", error)
             self.close()
@@ -193,6 +217,19 @@ class ServerWatch:
 
     def close(self) -> None:
         _close(self)
+
+
+def tell_server(execute: Callable[[Any, Any], object], said: Collection[Shown | str]) -> None:
+    """Passes on what has been committed to a server, by a statement of its own."""
+    texts = [each if isinstance(each, str) else " ".join(map(str, each)) for each in said]
+    execute(_TELL, {"channel": CHANNEL, "texts": sorted(texts)})
+
+
+def _shown(text: str) -> Shown | None:
+    """The row that a notification is of; None where it is of none, or another program's."""
+    share, _, rest = text.partition(" ")
+    version, _, asset = rest.partition(" ")
+    return Shown(int(share), int(version), asset) if share.isdecimal() and version.isdecimal() and asset else None
 
 
 def _close(watch: FileWatch | ServerWatch) -> None:

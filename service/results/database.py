@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy import Connection, Executable
@@ -26,13 +26,16 @@ from service.errors import SteppedBack, StorageUnavailable, StoreError
 from service.results.at_work import AtWork
 from service.results.backends import Backend, backend_of
 from service.results.commit_marks import Mark, is_there
-from service.results.commit_watch import CommitWatch
+from service.results.commit_watch import CommitWatch, Shown
 from service.results.migrate import upgrade
 from service.results.names import taken
 from service.results.schema import ASSETS, JOBS, NAMES, PEOPLES, WINDOW
 from service.results.storage_faults import storage_error
 from service.steady_clock import later_time_ns
 
+T = TypeVar("T")
+
+LOST_WITHIN = 1.0  # a connection that is found lost later than that is one that the server did not answer on [s]
 _SHARE = sa.select(ASSETS.c.share).where(ASSETS.c.asset == sa.bindparam("of"))
 _OF_ASSET = JOBS.c.asset == ASSETS.c.asset
 _ASKED = sa.exists().where(_OF_ASSET, sa.text(PEOPLES))
@@ -51,11 +54,13 @@ class _Begun(threading.local):
     db       of its transaction
     ensured  assets of which the transaction has made sure that they have a row
     due      those of which other jobs wait by now
+    shown    the rows that it has written by which assets are shown
     """
 
     db: Connection | None = None
     ensured: set[str]
     due: set[str]
+    shown: set[Shown]
 
 
 Took = Callable[[str, float], object]
@@ -175,6 +180,10 @@ class Database:
             self.ensure(db, asset)
         self._present.due.update(assets)
 
+    def show(self, shown: Collection[Shown]) -> None:
+        """Notes the rows by which assets are shown that the present transaction has written."""
+        self._present.shown.update(shown)
+
     def named(self, db: Connection, asset: str, name: str) -> None:
         """Within the transaction that gives an asset a name."""
         self.backend.named(db, asset, name)
@@ -198,12 +207,12 @@ class Database:
                         yield db
                         if self._present.due:
                             db.execute(_DUE, {"of": sorted(self._present.due), "now": later_time_ns()})
-                        mark, ensured = self.backend.mark(db), self._present.ensured
+                        mark, ensured, shown = self.backend.mark(db), self._present.ensured, self._present.shown
                     self._commit(db, mark)
                 self._newest = mark or self._newest
                 if self._alone:
                     self._has_row |= ensured
-                self.backend.tell(self._reader, ensured)
+                self.backend.tell(self._reader, shown if ensured else None)
             self._took("commit", time.monotonic() - began)
 
     @contextmanager
@@ -211,6 +220,7 @@ class Database:
         """A transaction that is rolled back where its work fails."""
         db.begin()
         self._present.db, self._present.ensured, self._present.due = db, set(), set()
+        self._present.shown = set()
         try:
             self.backend.begun(db)
             yield
@@ -255,11 +265,21 @@ class Database:
         with self._faults():
             if self._present.db is not None:
                 return list(self._present.db.execute(query, values).all())
-            began = time.monotonic()
+            return self._read(lambda db: list(db.execute(query, values).all()))
+
+    def _read(self, read: Callable[[Connection], T]) -> T:
+        """What is read on a connection; on another one where that was lost before."""
+        began = time.monotonic()
+        try:
             with self._reader.connect() as db:
-                found = list(db.execute(query, values).all())
-            self._took("read", time.monotonic() - began)
-            return found
+                found = read(db)
+        except DBAPIError as error:
+            if not error.connection_invalidated or time.monotonic() - began > LOST_WITHIN:
+                raise
+            with self._reader.connect() as db:
+                found = read(db)
+        self._took("read", time.monotonic() - began)
+        return found
 
     @contextmanager
     def watching(self) -> Iterator[CommitWatch]:
@@ -277,7 +297,7 @@ class Database:
     def size(self) -> int:
         """What the database takes, with its write-ahead log [bytes]."""
         with self._faults():
-            return self.backend.size(self._reader)
+            return self._read(self.backend.size)
 
     @contextmanager
     def _faults(self) -> Iterator[None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -88,5 +88,7 @@ class Tables(Protocol):
     def ensure(self, db: Any, asset: str, beside: str | None = None) -> None: ...
 
     def update_due(self, db: Any, *assets: str) -> None: ...
+
+    def show(self, shown: Collection[Any]) -> None: ...
 
     def named(self, db: Any, asset: str, name: str) -> None: ...

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 from service.errors import StoreError
 from service.results.asset_table import AssetTable
-from service.results.commit_watch import ALL
+from service.results.commit_watch import SOMETHING, Noticed
 from service.results.sql_store import SqlStore
 
 log = logging.getLogger(__name__)
@@ -17,8 +17,8 @@ LOOK_EVERY = 0.5  # whether the thread is to end, and for what was not noticed [
 STOP_WAIT = 3.0  # [s]
 
 
-OnCommit = Callable[[Collection[str]], object]
-"""Called with the assets of which something was committed, as `CommitWatch.wait` answers them."""
+OnCommit = Callable[[Noticed], object]
+"""Called where something was committed."""
 
 
 class Feed(threading.Thread):
@@ -35,12 +35,12 @@ class Feed(threading.Thread):
         with self._store.database.watching() as watch:
             missed = False
             while not self._ended.is_set():
-                changed = watch.wait(LOOK_EVERY)
-                if changed is None and not (watch.misses or missed):
+                noticed = watch.wait(LOOK_EVERY)
+                if noticed is None and not (watch.misses or missed):
                     continue
                 missed = True
                 try:
-                    found = self._take(changed)
+                    found = self._take(noticed or SOMETHING)
                     missed = False
                 except StoreError as error:  # whoever keeps windows says it
                     log.debug("what was committed is looked at later: %s", error)
@@ -48,18 +48,15 @@ class Feed(threading.Thread):
                 except Exception as error:  # whatever it is, the next look finds what there is
                     log.warning("what was committed cannot be looked at: %r", error, exc_info=error)
                     found = self._ended.wait(LOOK_EVERY)
-                for each in self._on_commit if found or changed is not None else ():
-                    each(changed or ())
+                for each in self._on_commit if found or noticed is not None else ():
+                    each(noticed or SOMETHING)
 
-    def _take(self, changed: Collection[str] | None) -> bool:
-        """Looks at what has changed; whether anything has."""
-        if changed == ALL:
+    def _take(self, noticed: Noticed) -> bool:
+        """Looks at what has changed; whether any asset is shown otherwise."""
+        if noticed.missed:
             self._table.changed()
-        elif changed:
-            self._table.changed(*self._table.of_share(changed))
-        else:
-            return bool(self._table.look())
-        return True
+            return True
+        return bool(self._table.look() if noticed.shown is None else self._table.take(noticed.shown))
 
     def end(self) -> None:
         """Ends the thread."""

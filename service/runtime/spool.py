@@ -180,11 +180,12 @@ class Spool:
 
         None where that attempt was committed, and the window has been processed since.
         """
-        newest = self._windows.newest(asset)
-        if newest is not None and newest.start_ns == start_ns:
-            return newest
-        if asset in self._unanswered and self._store.has_window(asset, start_ns):
-            return None
+        if asset in self._unanswered:
+            newest = self._windows.newest(asset)
+            if newest is not None and newest.start_ns == start_ns:
+                return newest
+            if self._store.has_window(asset, start_ns):
+                return None
         return self._windows.add_waiting(asset, written, self._assemblies.get(asset, {}))
 
     # -- bounds --------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from twin.fallen_count import CountFellError
 FALL = 150.0  # turns of the pinion by which a count must fall to raise the question
 JOINED = 0.5  # how long channels that nobody knows of are awaited by services of the tests: there are none [s]
 SLOW = float(os.environ.get("FAKE_TWIN_SECONDS", "0"))  # what one window costs [s]
+MOST = Path(os.environ.get("FAKE_TWIN_MOST", ""))  # a file that says how many windows of an asset are processed
 DISK = os.environ.get("FAKE_TWIN_DISK", "")  # a pipe: while it is there, the folder of waiting windows does not answer
 
 
@@ -59,6 +61,8 @@ class FakeState:
 def step(rig, state, window, options):
     """Depth grows with revolutions; `total` is wrong if any window is missing, double or out of order."""
     time.sleep(SLOW)
+    while MOST.is_file() and state.windows_seen >= int(MOST.read_text() or 0):
+        time.sleep(0.05)
     state = state if isinstance(state, FakeState) else FakeState()
     edges = window.encoders["pinion"]
     revolutions = state.offset + (edges.first_index + edges.times.size / 2) / edges.per_rev

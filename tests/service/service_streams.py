@@ -131,18 +131,30 @@ class Service:
     program = HERE / "fake_twin.py"
     fleets: Fleets | None = None  # in place of `gear-twin serve` (see one_partition.py)
 
-    def __init__(self, data: Path, slow: float = 0.0, **settings: str) -> None:
+    def __init__(self, data: Path, slow: float = 0.0, most: int | None = None, **settings: str) -> None:
+        """
+        slow  what a window costs [s]
+        most  windows of an asset that are processed, until `process_windows` says more
+        """
         self.http, self.endpoint = f"127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
         self.given = {
             "LISTEN": json.dumps([self.endpoint]), "HTTP": self.http, "DATA": str(data), "IDLE_TIMEOUT": "0.7",
         } | settings  # fmt: skip
         self.slow, self.process = slow, None
         data.mkdir(parents=True, exist_ok=True)
-        self.out, self.err = data / "said.txt", data / "complained.txt"
+        self.out, self.err, self._most = data / "said.txt", data / "complained.txt", data / "most.txt"
+        if most is not None:
+            self.process_windows(most)
+
+    def process_windows(self, most: int) -> None:
+        """So many windows of an asset are processed from now on, and no more."""
+        beside = self._most.with_suffix(".new")
+        beside.write_text(str(most))
+        beside.rename(self._most)
 
     def start(self) -> Service:
         environment = os.environ | {f"GEAR_TWIN_{k}": v for k, v in self.given.items()}
-        environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow)}
+        environment |= {"PYTHONPATH": str(ROOT), "FAKE_TWIN_SECONDS": str(self.slow), "FAKE_TWIN_MOST": str(self._most)}
         if Service.fleets is not None:
             environment |= Service.fleets.environment(self.given)
         with self.out.open("w") as out, self.err.open("w") as err:

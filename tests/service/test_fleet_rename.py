@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import httpx
 import pytest
@@ -154,9 +155,12 @@ def test_an_alarm_that_was_signed_under_a_former_name_is_shown_under_the_present
         board.update("unsw", label=NEW, alarms=(alarm,))
         with board.follow() as changes, at_front(fleet) as front_end:
             wait_until(lambda: not changes.take(0.5))  # all assets
+            keeper = AlarmKeeper(AlarmStore(front_end.database))
+            table = AssetTable(front_end, keeper)
             with front_end.database.transaction():
-                signed = AlarmKeeper(AlarmStore(front_end.database)).sign("unsw", alarm["id"], "acknowledged", "A", "")
+                signed = keeper.sign("unsw", alarm["id"], "acknowledged", "A", "")
                 front_end.note("unsw", signed[1])
+                table.write(replace(table.get("unsw"), alarms=(signed[0],)).with_whole())
             assert changes.take(20) == ("unsw",)
         feed.end()
         assert board.names() == (NEW,) and board.get("unsw").alarms[0]["acknowledged"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -67,18 +66,17 @@ def test_answer_says_what_the_inspection_changed_and_the_state_shows_it(tmp_path
 def test_what_a_full_disk_keeps_from_being_used_is_answered_at_once_as_waiting(tmp_path, recording, monkeypatch, verb):
     """What is kept was answered after half a minute, as though it might be carried out meanwhile."""
     network, full = MemoryNetwork(), [True]
+    monkeypatch.setattr("service.api.DECISION_WAIT", 3600.0)
     monkeypatch.setattr(Jobs, "end", _unless_full(Jobs.end, full))
     with serving(tmp_path, network, SqliteFile(tmp_path)) as running:
         replay(recording, (), 0, publish_to=network.open_publisher)
         running.wait_for_windows(WINDOWS)
-        began = time.monotonic()
         if verb == "inspection":
             status, answer = post(running, PATH, GIVEN)
             assert status == 201 and answer["applied"] is False and answer["reason"].startswith("kept")
         else:
             status, answer = post(running, "/v1/assets/unsw/effects/misalignment", {"decision": "pin"})
             assert status == 202 and answer["done"] is False
-        assert time.monotonic() - began < 10.0
         full.clear()
         wait_until(running.ready)
         wait_until(lambda: used(running) == 1.0 or verb == "decision")

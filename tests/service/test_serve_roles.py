@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import threading
-import time
 
 import fake_twin
 import pytest
@@ -93,7 +92,6 @@ def test_a_role_that_alone_was_sent_a_signal_to_end_is_started_again(tmp_path):
         os.kill(before, signal.SIGTERM)
         wait_until(lambda: role_of(running.process.pid, "answer") not in (None, before))
         wait_until(lambda: running.ready(), BACK_WITHIN)
-        began = time.monotonic()
-        assert running.end()[0] == 0 and time.monotonic() - began < 10.0
+        assert running.end()[0] == 0
     finally:
         running.end(signal.SIGKILL)

@@ -102,11 +102,12 @@ def test_an_asset_that_takes_long_holds_up_no_other_and_none_of_its_decisions(tm
 
 @pytest.mark.slow
 def test_raw_signals_are_written_once_the_file_that_waited_becomes_the_one_that_is_kept(tmp_path, recording):
-    running = Service(tmp_path, slow=1.0).start()
+    running = Service(tmp_path, most=1).start()
     try:
         replay(recording, [running.endpoint], 0)
         wait_until(lambda: len(waiting(running)) >= 3)
         waited = {f.stat().st_ino for f in (running.folder / SEGMENTS).glob("*.mcap")}
+        running.process_windows(WINDOWS)
         running.wait_for_windows(WINDOWS)
         assert waited <= {f.stat().st_ino for f in (running.folder / SEGMENTS).glob("*.mcap")}
         assert len(running.get("/v1/assets/unsw/signals")["windows"]) == WINDOWS

@@ -114,6 +114,7 @@ def put_back(running, recording, database, expected):
     if not database.while_it_runs:
         running.end(signal.SIGKILL)
     database.copy()
+    running.process_windows(WINDOWS)
     if not database.while_it_runs:
         running.start()
     assert running.wait_for_windows(WINDOWS) == expected and said(running) == []
@@ -121,7 +122,6 @@ def put_back(running, recording, database, expected):
     before = position(running)
     running.end(signal.SIGKILL)
     database.put_back(running)
-    running.slow = 0.0
     running.start()
     return before
 
@@ -132,7 +132,7 @@ def test_windows_that_a_database_put_back_does_not_have_are_stored_when_they_are
 ):
     """They were refused for good, as their files had gone when they were processed, and a repeat was left out."""
     expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-    running = Service(tmp_path, slow=1.0, SIGNAL_BYTES="0", **database.settings).start()
+    running = Service(tmp_path, most=2, SIGNAL_BYTES="0", **database.settings).start()
     try:
         before = put_back(running, recording, database, expected)
         (line,) = said(running)
@@ -150,7 +150,7 @@ def test_windows_that_a_database_put_back_does_not_have_are_stored_at_once_where
     tmp_path, recording, database
 ):
     expected = plain(assess(recording, twin=fake_twin.TWIN))["windows"]
-    running = Service(tmp_path, slow=1.0, **database.settings).start()
+    running = Service(tmp_path, most=2, **database.settings).start()
     try:
         before = put_back(running, recording, database, expected)
         assert running.wait_for_windows(WINDOWS) == expected and said(running) == []
@@ -167,7 +167,7 @@ def test_a_service_whose_server_fails_over_to_one_that_lags_ends_and_goes_on_fro
     if programs() is None:
         pytest.skip("PostgreSQL is not installed (Debian's package postgresql)")
     with PostgresqlServer() as server, server.new_database() as url:
-        running = Service(tmp_path, slow=1.0, DATABASE=url).start()
+        running = Service(tmp_path, most=2, DATABASE=url).start()
         try:
             replay(recording, [running.endpoint], 0)
             running.wait_for_windows(2)
@@ -175,6 +175,7 @@ def test_a_service_whose_server_fails_over_to_one_that_lags_ends_and_goes_on_fro
             shutil.copytree(server.data, server.folder / "lagging")
             _owned_as(server.folder / "lagging", server.data)
             server.start()
+            running.process_windows(WINDOWS)
             assert running.wait_for_windows(WINDOWS) == expected
             server.stop("immediate")
             server.data.rename(server.folder / "first")
@@ -182,7 +183,6 @@ def test_a_service_whose_server_fails_over_to_one_that_lags_ends_and_goes_on_fro
             server.start()
             assert running.process.wait(30) == 1
             assert "does not have what it had confirmed" in running.said()[1]
-            running.slow = 0.0
             running.start()
             replay(recording, [running.endpoint], 0)
             assert running.wait_for_windows(WINDOWS) == expected

@@ -125,8 +125,7 @@ def test_systemd_that_does_not_read_holds_up_no_loop(told):
     while notify(ALIVE):
         sent += 1
         assert sent < 100_000
-    began = time.monotonic()
-    assert not notify(ALIVE) and time.monotonic() - began < 5.0
+    assert not notify(ALIVE)
     assert told() == ALIVE and notify(ALIVE)
 
 
@@ -141,14 +140,13 @@ def test_nothing_is_told_outside_of_systemd_or_where_the_watchdog_is_of_another_
 
 
 @pytest.mark.slow
-def test_systemd_is_told_of_readiness_life_and_the_end_which_takes_less_than_ten_seconds(tmp_path, told, monkeypatch):
+def test_systemd_is_told_of_readiness_life_and_the_end(tmp_path, told, monkeypatch):
     monkeypatch.setenv("WATCHDOG_USEC", "3000000")
     with service(tmp_path / "data") as running:
         assert told() == READY
         assert [told(), told(), told()] == [ALIVE] * 3
-        began = time.monotonic()
         status, _, complained = running.end(signal.SIGTERM)
-    assert status == 0 and not complained and time.monotonic() - began < 10.0
+    assert status == 0 and not complained
     while (line := told()) == ALIVE:
         pass
     assert line == STOPPING
