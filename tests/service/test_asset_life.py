@@ -278,24 +278,23 @@ def test_a_rig_file_of_the_settings_that_differs_is_asked_about_and_the_service_
 
 @pytest.mark.slow
 def test_a_kill_while_windows_wait_and_while_they_are_processed_loses_and_doubles_none(tmp_path, first, second):
-    running = Service(tmp_path, most=WINDOWS).start()
+    running = Service(tmp_path, slow=0.3).start()
     try:
         replay(first, [running.endpoint], 0)
         running.wait_for_windows(WINDOWS)
         replay(second, [running.endpoint], 0)
-        wait_until(lambda: waiting(running) == WINDOWS)
+        wait_until(lambda: (waiting(running) or 0) >= 2)
         running.end(signal.SIGKILL)
         running.start()
+        assert waiting(running) >= 2
         replay(second, [running.endpoint], 0)  # what was committed before the kill is known, what was not comes again
         wait_until(lambda: waiting(running) == WINDOWS)
         with running.store() as store:
             Jobs(store.database).add("unsw", "gears_replaced", {"by": "me"})
         running.end(signal.SIGKILL)  # before the change was carried out
-        running.process_windows(WINDOWS + 1)
         running.start()
         wait_until(lambda: running.get(f"{UNSW}/windows?epoch=1"))
         running.end(signal.SIGKILL)  # while the windows that waited are processed
-        running.process_windows(2 * WINDOWS)
         running.start()
         wait_until(lambda: len(running.windows()) == WINDOWS)
         assert revolutions(running.windows()) == FIRST
