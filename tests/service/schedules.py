@@ -39,6 +39,7 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.backends import SqliteFile
 from service.results.commit_marks import Mark
+from service.results.commit_watch import SOMETHING, Noticed
 from service.results.data_folder import SEGMENTS
 from service.results.database import Database
 from service.results.job_queue import JobQueue
@@ -195,7 +196,7 @@ class World:
         def committed(database, db, mark):
             after = world.running.faults.at("commit")
             commit(database, db, mark)
-            world.running.notify()
+            world.running.notify(database._present.shown)
             if after is not None:
                 fail(after)
 
@@ -277,11 +278,11 @@ class Process:
     """One process: all that it has is gone when it ends.
 
     lives  how often it has been started
-    told   whether it has been told of a commit since it last looked
+    told   the rows of which it has been told since it last looked; None where it has been told nothing
     """
 
     def __init__(self, schedule, name):
-        self.schedule, self.name, self.lives, self.told = schedule, name, 0, False
+        self.schedule, self.name, self.lives, self.told = schedule, name, 0, None
         self.stack, self.store = ExitStack(), None
 
     def start(self):
@@ -317,9 +318,10 @@ class Process:
 
     def look(self):
         """What it does where something has been committed, or where nothing was noticed for a while."""
-        told, self.told = self.told, False
+        told, self.told = self.told, None
+        by_server = told is not None and self.schedule.rng.random() < 0.5
         with suppress(StorageUnavailable):
-            self.feed._take({ASSET} if told and self.schedule.rng.random() < 0.5 else () if told else None)
+            self.feed._take(Noticed(told) if by_server else SOMETHING)
 
 
 class Ingest(Process):
@@ -468,10 +470,11 @@ class Schedule:
         stores = [process.store for process in self.processes if process.store is not None]
         return bool(self.at) and all(store.database._present.db is None for store in stores)
 
-    def notify(self):
-        """Something has been committed: who is told of it looks."""
+    def notify(self, shown):
+        """Something has been committed, and some rows by which assets are shown: who is told of it looks."""
         for process in self.processes:
-            process.told |= self.rng.random() < HEARD
+            if self.rng.random() < HEARD:
+                process.told = (process.told or frozenset()) | shown
 
     # -- all of it -----------------------------------------------------------------------------------
 
