@@ -41,7 +41,7 @@ _OF = ASSETS.c.asset == bindparam("of")
 _LAST_EVENT = select(func.coalesce(func.max(EVENTS.c.id), 0)).where(EVENTS.c.asset == bindparam("of"))
 _SEEN = select(ASSETS.c.version, _LAST_EVENT.scalar_subquery()).where(_OF)
 _VOLATILE = select(ASSETS.c.volatile).where(_OF)
-_WRITTEN = select(ASSETS.c.asset, ASSETS.c.version).where(ASSETS.c.version > bindparam("after"))
+_WRITTEN = select(ASSETS.c.share, ASSETS.c.version, ASSETS.c.asset).where(ASSETS.c.version > bindparam("after"))
 _ALL_SHOWN = select(ASSETS.c.asset, ASSETS.c.version, ASSETS.c.volatile)
 _SUMMARIES = select(ASSETS.c.summary, ASSETS.c.asset).order_by(ASSETS.c.label)
 _STALE = select(ASSETS.c.label, ASSETS.c.volatile).where(ASSETS.c.data == "stale").order_by(ASSETS.c.label)
@@ -91,6 +91,7 @@ class AssetTable:
         self._clock, self._fresh_at = clock, 0.0
         self._followers: list[tuple[AssetChanges, bool]] = []
         self._looked_to = 0  # version up to which rows have been looked at
+        self._told: dict[str, int] = {}  # by asset: the version of its row that followers have been told of
         self._written = _WRITTEN.where(store.database.own(ASSETS.c.asset))
         self._lock = threading.RLock()
         self.unstored: tuple[str, str] | None = None  # why nothing can be stored now, and since when (ISO 8601)
@@ -113,7 +114,7 @@ class AssetTable:
             snapshot = replace(snapshot, alarms=opened.get(asset, ()), stale=stale)
             self._made[asset] = _Made(Seen(version, snapshot.last_event_id), snapshot)
             self._due[asset] = None  # what the last run alone knew is over
-            self._looked_to = max(self._looked_to, version)
+            self._looked_to, self._told[asset] = max(self._looked_to, version), version
         self._complete = self._followed = True
         return known
 
@@ -221,6 +222,9 @@ class AssetTable:
         """
         asset = snapshot.asset
         with self._lock:
+            before = self._made.get(asset)  # may be of what others have committed, and nobody has looked at yet
+            fleeting = fleeting and before is not None and before.seen.version == self._told.get(asset)
+            self._told[asset] = version
             self._keep(asset, _Made(Seen(version, snapshot.last_event_id), snapshot, snapshot))
             noted = self._noted.get(asset, {})
             noted |= {name: getattr(snapshot, name) for name in noted}
@@ -337,26 +341,21 @@ class AssetTable:
 
     def look(self) -> tuple[str, ...]:
         """Finds the rows of assets that others have written since the last look; the assets."""
-        found, self._followed = [], True
-        for asset, version in self._store.database.rows(self._written, {"after": self._looked_to}):
-            self._looked_to = max(self._looked_to, version)
-            made = self._made.get(asset)
-            if made is None or made.seen.version < version:
-                found.append(asset)
-        if found:
-            self.changed(*found)
-        return tuple(found)
+        self._followed = True
+        rows = [Shown(*row) for row in self._store.database.rows(self._written, {"after": self._looked_to})]
+        self._looked_to = max((row.version for row in rows), default=self._looked_to)
+        return self.take(rows)
 
     def take(self, shown: Collection[Shown]) -> tuple[str, ...]:
         """Takes note of rows that have been written; the assets of this process's share that others have written."""
-        share, found = self._store.database.share, []
-        for row in shown:
-            made = self._made.get(row.asset)
-            if share in (None, row.share) and (made is None or made.seen.version != row.version):
-                found.append(row.asset)
+        share = self._store.database.share
+        with self._lock:
+            new = [r for r in shown if share in (None, r.share) and self._told.get(r.asset) != r.version]
+            self._told |= {row.asset: row.version for row in new}
+        found = tuple({row.asset: None for row in new})
         if found:
             self.changed(*found)
-        return tuple(found)
+        return found
 
     def _tell(self, *assets: str, fleeting: bool = False) -> None:
         for follower, all_changes in tuple(self._followers):

@@ -29,6 +29,7 @@ _TELL = sa.text("SELECT pg_notify(:channel, text) FROM unnest(CAST(:texts AS tex
 
 CHANNEL = "gear_twin"  # on which a server passes on what is committed
 LOOK_EVERY = 2.0  # for a commit that nobody tells: its process was killed just then, or is another program's [s]
+SERVER_LOOK_EVERY = 0.5  # the same, where a server passes on what is committed [s]
 LOOK_OFTEN = 0.2  # the same where the system has no notices, or no more of them [s]
 TIMES_SET = 0x4  # IN_ATTRIB of Linux's inotify
 GATHER = 0.01  # during which notifications are taken together [s]
@@ -47,26 +48,23 @@ class Shown(NamedTuple):
 class Noticed(NamedTuple):
     """That something has been committed.
 
-    shown   rows that have been written; None where the table of assets says which
+    shown   rows that have been written
+    look    whether the table of assets says of others
     named   whether an asset may have been given a name that hashes to another share
     missed  whether more may have been committed, of any asset
     """
 
-    shown: frozenset[Shown] | None = None
+    shown: frozenset[Shown] = frozenset()
+    look: bool = False
     named: bool = False
     missed: bool = False
 
 
-SOMETHING = Noticed()
+SOMETHING = Noticed(look=True)
 
 
 class CommitWatch(Protocol):
-    """One who waits, in one thread.
-
-    misses  whether the caller must look by itself, also where `wait` answers None
-    """
-
-    misses: bool
+    """One who waits, in one thread."""
 
     def wait(self, seconds: float) -> Noticed | None:
         """Waits until something has been committed, for so long at most [s]; None where nothing was."""
@@ -77,8 +75,6 @@ class CommitWatch(Protocol):
 
 class FileWatch:
     """Asks SQLite for the number of what has been written to a file, whenever `say_committed` was called."""
-
-    misses = False
 
     def __init__(self, connect: Callable[[], Any], folder: Path) -> None:
         """
@@ -165,8 +161,6 @@ def say_committed(folder: Path) -> None:
 class SharedWatch:
     """What one thread notices, for any number of others."""
 
-    misses = False
-
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._number, self._seen = 0, threading.local()
@@ -189,13 +183,11 @@ class SharedWatch:
 
 
 class ServerWatch:
-    """Listens on a connection of its own."""
-
-    misses = True
+    """Listens on a connection of its own. Notices may be lost: now and then it asks for a look."""
 
     def __init__(self, connect: Callable[[], Any]) -> None:
         """connect  gives a connection of the driver that commits by itself"""
-        self._connect = connect
+        self._connect, self._looked = connect, float("-inf")  # monotonic [s]
         self._connection: Any = None
 
     def wait(self, seconds: float) -> Noticed | None:
@@ -205,10 +197,12 @@ class ServerWatch:
                 self._connection.execute(f"LISTEN {CHANNEL}")
                 return Noticed(named=True, missed=True)
             found = [each.payload for each in self._connection.notifies(timeout=seconds, stop_after=1)]
-            if not found:
-                return None
-            found += [each.payload for each in self._connection.notifies(timeout=GATHER)]
-            return Noticed(frozenset(filter(None, map(_shown, found))), named=NAMED in found)
+            if found:
+                found += [each.payload for each in self._connection.notifies(timeout=GATHER)]
+            if look := time.monotonic() - self._looked >= SERVER_LOOK_EVERY:
+                self._looked = time.monotonic()
+            shown = frozenset(filter(None, map(_shown, found)))
+            return Noticed(shown, look, NAMED in found) if found or look else None
         except Exception as error:  # whoever keeps something there says why
             log.debug("the notifications of the database: %s", error)
             self.close()

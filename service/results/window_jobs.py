@@ -41,7 +41,6 @@ _NAMES = ("id", "asset", "start_ns", "received_ns", "bytes", "file", "held", "ag
 _ALL_WAITING = select(*(JOBS.c[n] for n in _NAMES)).where(_IS).order_by(JOBS.c.id)
 _WAITING = _ALL_WAITING.where(_OF)
 _NEXT = _WAITING.where(JOBS.c.held == 0).limit(1)
-_NEWEST = select(*(JOBS.c[n] for n in _NAMES)).where(_IS, _OF).order_by(JOBS.c.id.desc()).limit(1)
 _HELD = select(func.count()).where(_IS, _OF, JOBS.c.held == 1)
 _IS_THIS = (JOBS.c.id == bindparam("number"), _IS, JOBS.c.received_ns == bindparam("received"))
 _END_WAITING = delete(JOBS).where(*_IS_THIS).returning(*(JOBS.c[n] for n in _NAMES))
@@ -256,10 +255,6 @@ class WindowJobs:
     def waiting(self, asset: str) -> tuple[WaitingWindow, ...]:
         """The windows of an asset that wait, in the order in which they came."""
         return tuple(map(_window, self.database.rows(_WAITING, {"of": asset})))
-
-    def newest(self, asset: str) -> WaitingWindow | None:
-        """The window of an asset that came last."""
-        return next(map(_window, self.database.rows(_NEWEST, {"of": asset})), None)
 
     def next(self, asset: str) -> WaitingWindow | None:
         """The window of an asset whose turn it is."""

@@ -13,7 +13,7 @@ from service.results.sql_store import SqlStore
 
 log = logging.getLogger(__name__)
 
-LOOK_EVERY = 0.5  # whether the thread is to end, and for what was not noticed [s]
+LOOK_EVERY = 0.5  # whether the thread is to end, and again after a failure [s]
 STOP_WAIT = 3.0  # [s]
 
 
@@ -30,33 +30,33 @@ class Feed(threading.Thread):
     def __init__(self, store: SqlStore, table: AssetTable, *on_commit: OnCommit) -> None:
         super().__init__(name="feed", daemon=True)
         self._store, self._table, self._on_commit, self._ended = store, table, on_commit, threading.Event()
+        self._behind = False  # whether a look has failed since the latest
 
     def run(self) -> None:
         with self._store.database.watching() as watch:
-            missed = False
             while not self._ended.is_set():
                 noticed = watch.wait(LOOK_EVERY)
-                if noticed is None and not (watch.misses or missed):
+                if noticed is None and not self._behind:
                     continue
-                missed = True
                 try:
-                    found = self._take(noticed or SOMETHING)
-                    missed = False
-                except StoreError as error:  # whoever keeps windows says it
-                    log.debug("what was committed is looked at later: %s", error)
-                    found = self._ended.wait(LOOK_EVERY)
+                    self.turn(noticed or SOMETHING)
                 except Exception as error:  # whatever it is, the next look finds what there is
-                    log.warning("what was committed cannot be looked at: %r", error, exc_info=error)
-                    found = self._ended.wait(LOOK_EVERY)
-                for each in self._on_commit if found or noticed is not None else ():
+                    if not isinstance(error, StoreError):  # which whoever keeps windows says
+                        log.warning("what was committed cannot be looked at: %r", error, exc_info=error)
+                    self._ended.wait(LOOK_EVERY)
+                for each in self._on_commit:
                     each(noticed or SOMETHING)
 
-    def _take(self, noticed: Noticed) -> bool:
-        """Looks at what has changed; whether any asset is shown otherwise."""
+    def turn(self, noticed: Noticed) -> None:
+        """Takes note of what was noticed, and looks for what was not."""
         if noticed.missed:
             self._table.changed()
-            return True
-        return bool(self._table.look() if noticed.shown is None else self._table.take(noticed.shown))
+            return
+        self._table.take(noticed.shown)
+        if noticed.look or self._behind:
+            self._behind = True
+            self._table.look()
+            self._behind = False
 
     def end(self) -> None:
         """Ends the thread."""

@@ -181,9 +181,9 @@ class Spool:
         None where that attempt was committed, and the window has been processed since.
         """
         if asset in self._unanswered:
-            newest = self._windows.newest(asset)
-            if newest is not None and newest.start_ns == start_ns:
-                return newest
+            for waiting in self._windows.waiting(asset):
+                if waiting.start_ns == start_ns:
+                    return waiting
             if self._store.has_window(asset, start_ns):
                 return None
         return self._windows.add_waiting(asset, written, self._assemblies.get(asset, {}))

@@ -39,7 +39,7 @@ from service.results.alarm_store import AlarmStore
 from service.results.asset_table import AssetTable
 from service.results.backends import SqliteFile
 from service.results.commit_marks import Mark
-from service.results.commit_watch import SOMETHING, Noticed
+from service.results.commit_watch import Noticed
 from service.results.data_folder import SEGMENTS
 from service.results.database import Database
 from service.results.job_queue import JobQueue
@@ -319,9 +319,9 @@ class Process:
     def look(self):
         """What it does where something has been committed, or where nothing was noticed for a while."""
         told, self.told = self.told, None
-        by_server = told is not None and self.schedule.rng.random() < 0.5
+        look = told is None or self.schedule.rng.random() < 0.5
         with suppress(StorageUnavailable):
-            self.feed._take(Noticed(told) if by_server else SOMETHING)
+            self.feed.turn(Noticed(told or frozenset(), look))
 
 
 class Ingest(Process):
@@ -503,8 +503,9 @@ class Schedule:
             self.world.pass_time(2.0)  # after which silence is looked for again
             for process in self.processes:
                 self._do(process, process.turn)
-        self.answer.look()
-        self.ingest.look()
+        for process in (self.answer, self.ingest):
+            process.told = None  # nothing comes any more: it looks by itself
+            process.look()
 
     def close(self):
         for process in self.processes:

@@ -57,6 +57,27 @@ def test_what_is_committed_while_a_start_reads_is_found(store, monkeypatch):
     assert table.summaries()[0]["windows"] == 2
 
 
+@pytest.mark.parametrize("reads", ["get", "write_noted"])
+def test_who_has_read_what_another_committed_still_follows_it(store, reads):
+    """A rename that the thread which receives frames had read by then was not followed: its windows waited on."""
+    other, table = fakes.WrittenTable(store), fakes.WrittenTable(store)
+    fakes.take(store, other, "unsw", 0, 10.0)
+    table.look()
+    with table.follow() as changes:
+        changes.take(0)
+        fakes.take(store, other, "unsw", 1, 20.0)
+        if reads == "get":
+            assert table.get("unsw").windows_total == 2
+        else:
+            table.note("unsw", quality={"level": "good"})
+            changes.take(0)
+            table.write_noted()
+        table.look()
+        assert changes.take(0) == ("unsw",)
+        table.look()
+        assert changes.take(0) == ()
+
+
 def test_assets_are_shown_as_they_were_last_known_while_the_storage_is_away(store, monkeypatch):
     table = fakes.WrittenTable(store)
     fakes.take(store, table, "unsw", 0, 10.0)
