@@ -63,6 +63,11 @@ class Census:
         return [row["partition"] for row in self.partitions if not row["served"]]
 
     @property
+    def receiving(self) -> bool:
+        """Whether all partitions are served, and take frames."""
+        return all(row["served"] and row["not_ready"] is None for row in self.partitions)
+
+    @property
     def crowded(self) -> list[int]:
         """Partitions with more assets than Zenoh recovers in time."""
         return [row["partition"] for row in self.partitions if row["assets"] > ASSETS_A_PARTITION]

@@ -123,7 +123,7 @@ def router(
 
 @app.command()
 def status(database: Database = None, config: ConfigFile = None, json: JsonFile = None) -> int:
-    """Print which partitions are served, by which host, with how many assets; the exit status is 1 where one is not."""
+    """Print which partitions are served, by which host, with how many assets; the exit status is 1 where one takes no frames."""
     from service.fleet.census import census
     from service.fleet.show import print_status
     from service.json_text import wrote_json
@@ -135,7 +135,7 @@ def status(database: Database = None, config: ConfigFile = None, json: JsonFile 
         found = census(roles)
     if not wrote_json(found.to_dict(), json):
         print_status(found)
-    return 1 if found.not_served else 0
+    return 0 if found.receiving else 1
 
 
 @app.command()

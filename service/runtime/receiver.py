@@ -217,6 +217,8 @@ class Receiver(threading.Thread):
                     transport = stack.enter_context(self._open_transport())
                     break
                 except NotReachable as error:
+                    if self._reason != str(error):
+                        log.warning("%s; it is tried again all the time", error)
                     self._reason = str(error)
                     self._say_besides()
                 if self._stopping.is_set():

@@ -96,6 +96,7 @@ def test_a_worker_says_why_it_takes_no_frames(tmp_path, fleet):
         wait_until(lambda: census(roles).partitions[number]["not_ready"] is not None)
         said = census(roles).partitions[number]
         assert said["served"] and "no router answers" in said["not_ready"], said
+        assert not census(roles).receiving
         process.process.send_signal(signal.SIGSTOP)
         wait_until(lambda: number in census(roles).not_served)
         process.process.send_signal(signal.SIGCONT)
