@@ -123,13 +123,14 @@ def router(
 
 @app.command()
 def status(database: Database = None, config: ConfigFile = None, json: JsonFile = None) -> int:
-    """Print which partitions are served, by which host, with how many assets; the exit status is 1 where one takes no frames."""
+    """Print which host serves which partition, with how many assets; the exit status is 1 where one takes no frames."""
     from service.fleet.census import census
+    from service.fleet.front import opened
     from service.fleet.show import print_status
     from service.json_text import wrote_json
     from service.results.roles import Roles
 
-    with _opened(_settings(database=database, config=config)) as store:
+    with opened(_settings(database=database, config=config)) as store:
         roles = Roles(store.database)
         roles.settle()
         found = census(roles)
@@ -146,25 +147,28 @@ def key(
 ) -> None:
     """Print the first part of the keys under which an asset publishes: what `replay --prefix` takes."""
     from service.errors import InputError
+    from service.fleet.databases import database_of, layout_at
+    from service.fleet.front import opened
     from service.fleet.layout import share_of
+    from service.fleet.up import prefix_set
     from service.stream.wire.topics import NAME
 
     if not NAME.fullmatch(asset):
         raise InputError(f"ASSET = {asset!r} must be 1 to 64 letters, digits, '_', '-' or '.'")
     settings = _settings(database=database, config=config)
-    with _opened(settings) as store:
-        layout = store.database.backend.layout
-        print(layout.prefix_of(share_of(store.database, asset, layout), settings.prefix))
+    layout = layout_at(database_of(settings)).demand(None, prefix_set(settings))
+    with opened(settings) as store:
+        print(layout.prefix_of(share_of(store.database, asset, layout)))
 
 
 @app.command()
 def down(database: Database = None, address: Address = None, data: Data = None, config: ConfigFile = None) -> None:
     """End the fleet that `fleet up` runs here or on a cluster, in good order; hosts begun with `fleet host` go on."""
     from service.errors import DeliveryError
-    from service.fleet.databases import layout_at
+    from service.fleet.databases import database_of, layout_at
     from service.fleet.engine import Engine
     from service.fleet.ray_session import ray_session
-    from service.fleet.up import RUNNING, database_of, running
+    from service.fleet.up import RUNNING, running
 
     settings = _settings(database=database, fleet_address=address, data=data, config=config)
     if settings.fleet_address is None:
@@ -181,13 +185,3 @@ def down(database: Database = None, address: Address = None, data: Data = None, 
         with ray_session(settings.fleet_address) as ray:
             Engine(ray).end()
     print("all that fleet up has started has ended; hosts that were started with fleet host go on")
-
-
-def _opened(settings: Any) -> Any:
-    """The store of the fleet, as front ends have it; StoreError where there is no fleet."""
-    from service.fleet.databases import front_tables, layout_at
-    from service.fleet.up import database_of
-    from service.results.sql_store import SqlStore
-
-    database = database_of(settings)
-    return SqlStore(front_tables(database, layout_at(database)))

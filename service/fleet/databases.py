@@ -17,7 +17,7 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.pool import NullPool
 
-from service.errors import StoreError
+from service.errors import InputError, StoreError
 from service.fleet.fence import ABANDONED, Fence
 from service.fleet.layout import SCHEMA, Layout, expect_revision, layout_of
 from service.results.backends import LOCK_WAIT, STATEMENT_WAIT, Postgresql, backend_of, keep_commits
@@ -26,6 +26,7 @@ from service.results.commit_watch import NAMED, tell_server
 from service.results.database import Database
 from service.results.schema import ASSETS
 from service.results.storage_faults import storage_error
+from service.settings import Settings
 
 READERS = 2  # connections that are kept for reading; twice as many more are opened when needed
 FRONT_READERS, FRONT_WRITERS = 8, 4  # those of one front end; threads of it that write at the same time
@@ -39,6 +40,15 @@ def url_of(database: str) -> URL:
     if not isinstance(backend, Postgresql):
         raise StoreError("the database of a fleet must be PostgreSQL: postgresql://user@host/name")
     return backend.url
+
+
+def database_of(settings: Settings) -> str:
+    """The URL of the fleet's database; InputError where none is set."""
+    if settings.database is None:
+        raise InputError(
+            "a fleet needs a PostgreSQL database that all its machines reach: --database postgresql://user@host/name"
+        )
+    return settings.database.get_secret_value()
 
 
 def tables_at(database: str) -> URL:

@@ -15,7 +15,7 @@ from typing import Any
 from service.contract.position import PositionModel
 from service.errors import NewerTables, StoreError
 from service.fleet.census import Partition, partitions
-from service.fleet.databases import FleetTables, front_tables, layout_at
+from service.fleet.databases import FleetTables, database_of, front_tables, layout_at
 from service.fleet.layout import look, share_of
 from service.operation.health import FLEET, Late
 from service.results.asset_table import AssetTable
@@ -48,14 +48,12 @@ def serve_front(
 
 def answered(settings: Settings, answering: Answering, context: Context, announce: Callable[[str], None]) -> None:
     """Does the role of a front end, at an address that is bound already."""
-    answering.answer(context, partial(_opened, settings), Hosts, announce)
+    answering.answer(context, partial(opened, settings), Hosts, announce)
 
 
-def _opened(settings: Settings) -> SqlStore:
+def opened(settings: Settings) -> SqlStore:
     """Connects to the fleet. StorageUnavailable where its server is away, StoreError where there is no fleet."""
-    if settings.database is None:
-        raise StoreError("the setting database must name the fleet's database: postgresql://user@host/name")
-    database = settings.database.get_secret_value()
+    database = database_of(settings)
     return SqlStore(front_tables(database, layout_at(database)))
 
 

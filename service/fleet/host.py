@@ -19,7 +19,7 @@ from functools import cached_property, partial
 from typing import Any
 
 from service.errors import InputError
-from service.fleet.databases import fleet_tables
+from service.fleet.databases import database_of, fleet_tables
 from service.fleet.kept_curves import StoredCurves
 from service.fleet.layout import Layout
 from service.fleet.lease import HOST, LEASE, Leased, lease
@@ -81,8 +81,8 @@ class Host:
         if in_processes(self.settings, self._twin):
             roles.append(
                 work_in_processes(
-                    self.settings, self._twin, self._tables, curves=StoredCurves(self._database), name=self.name,
-                    waits=False,
+                    self.settings, self._twin, self._tables, curves=StoredCurves(database_of(self.settings)),
+                    name=self.name, waits=False,
                 )
             )  # fmt: skip
 
@@ -107,13 +107,8 @@ class Host:
         count = workers_of(self.settings) if in_processes(self.settings, self._twin) else None
         lease(context, partial(self._tables, "gear-twin host"), self.name, count)
 
-    @property
-    def _database(self) -> str:
-        assert self.settings.database is not None
-        return self.settings.database.get_secret_value()
-
     def _tables(self, called: str = "gear-twin work") -> Database:
-        return fleet_tables(self._database, self.layout, called)
+        return fleet_tables(database_of(self.settings), self.layout, called)
 
 
 def demand_router(settings: Settings) -> None:

@@ -27,7 +27,7 @@ from service.results.store import Tables
 from service.stream.wire.topics import PREFIX
 
 SCHEMA = "fleet"
-MOST_PARTITIONS = 1000
+NEW_PARTITIONS, MOST_PARTITIONS = 8, 1000  # of a new fleet where nobody says, and of any
 END_WAIT = 20.0  # for the end of a host in good order [s]
 ASSETS_A_PARTITION = 600  # beyond it, Zenoh's recovery of what publishers keep takes longer than a restart
 _LOCK = 7_219_433  # of whoever makes the tables; other numbers are in `claims` and `migrate`
@@ -39,6 +39,7 @@ PARTITIONS = Table(
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("token", BigInteger, nullable=False, server_default="0"),  # of whoever may commit
     Column("host", Text),  # that serves it; null for none
+    Column("prefix", Text, nullable=False),  # of the fleet's keys: the same in all rows
 )
 CURVES = Table(
     "curves",
@@ -56,17 +57,34 @@ _SHARE = (
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A fleet's division into partitions."""
+    """A fleet's division into partitions.
+
+    prefix  the first part of its keys, where it has one partition
+    """
 
     partitions: int
+    prefix: str = PREFIX
 
     def partition_of(self, asset: str) -> int:
         """The partition of an asset, or of the stream of this name."""
         return partition_of(asset, self.partitions)
 
-    def prefix_of(self, partition: int, prefix: str = PREFIX) -> str:
+    def prefix_of(self, partition: int) -> str:
         """The first part of the keys under which the assets of a partition publish."""
-        return prefix if self.partitions == 1 else f"{SCHEMA}/{partition:03d}/{prefix}"
+        return self.prefix if self.partitions == 1 else f"{SCHEMA}/{partition:03d}/{self.prefix}"
+
+    def demand(self, partitions: int | None, prefix: str | None) -> Layout:
+        """The layout itself; StoreError where the fleet was created with others than those that are set."""
+        for name, is_set, own, why in (
+            ("partitions", partitions, self.partitions, "the assets are divided by it"),
+            ("prefix", prefix, self.prefix, "its publishers send under it"),
+        ):
+            if is_set not in (None, own):
+                raise StoreError(
+                    f"{name} = {is_set}: this fleet was created with {own}, which stays, because {why}; leave the "
+                    "setting out, or set it to that"
+                )
+        return self
 
     @property
     def all(self) -> range:
@@ -90,12 +108,15 @@ def share_of(database: Tables, name: str, layout: Layout) -> int:
     return found[0][0] if found else layout.partition_of(name)
 
 
-def create(engine: sa.Engine, partitions: int) -> Layout:
+def create(engine: sa.Engine, partitions: int | None = None, prefix: str | None = None) -> Layout:
     """Makes the tables, or finds them; the layout.
 
-    Raises StoreError where the fleet was created with another number of partitions, or by another program.
+    partitions, prefix  None: those that the fleet has, or for a new one 8 and `gearbox`
+
+    Raises StoreError where the fleet was created with others, or by another program.
     """
-    if not 1 <= partitions <= MOST_PARTITIONS:
+    new = Layout(NEW_PARTITIONS if partitions is None else partitions, prefix or PREFIX)
+    if not 1 <= new.partitions <= MOST_PARTITIONS:
         raise StoreError(f"partitions = {partitions} must be from 1 to {MOST_PARTITIONS}")
     with engine.begin() as db:
         db.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
@@ -107,14 +128,9 @@ def create(engine: sa.Engine, partitions: int) -> Layout:
         if layout is None:
             make_tables(db)
             METADATA.create_all(db)
-            db.execute(sa.insert(PARTITIONS), [{"number": number} for number in range(partitions)])
-            return Layout(partitions)
-    if layout.partitions != partitions:
-        raise StoreError(
-            f"partitions = {partitions}: this fleet was created with {layout.partitions}, and the number stays, "
-            "because the assets are divided by it; leave the setting out, or set it to that number"
-        )
-    return layout
+            db.execute(sa.insert(PARTITIONS), [{"number": number, "prefix": new.prefix} for number in new.all])
+            return new
+    return layout.demand(partitions, prefix)
 
 
 def layout_of(engine: sa.Engine) -> Layout | None:
@@ -130,7 +146,7 @@ def _layout(db: Connection) -> Layout | None:
     if not tables.has_table(PARTITIONS.name):
         return None
     refuse_other(db.execute(_PRESENT).scalar())
-    return Layout(db.execute(sa.select(sa.func.count()).select_from(PARTITIONS)).scalar_one())
+    return Layout(*db.execute(sa.select(sa.func.count(), sa.func.min(PARTITIONS.c.prefix))).one())
 
 
 def expect_revision(db: Connection) -> None:

@@ -15,13 +15,10 @@ _ALL = sa.select(NAMES.c.name, ASSETS.c.share).join(ASSETS, ASSETS.c.asset == NA
 
 
 class PartitionStreams:
-    """Which streams belong to one partition, as whoever receives its frames knows them; for any thread.
+    """Which streams belong to one partition, as whoever receives its frames knows them; for any thread."""
 
-    prefix  of the settings
-    """
-
-    def __init__(self, layout: Layout, partition: int, prefix: str) -> None:
-        self._layout, self._partition, self._prefix = layout, partition, prefix
+    def __init__(self, layout: Layout, partition: int) -> None:
+        self._layout, self._partition = layout, partition
         self._hashed = lru_cache(4096)(layout.partition_of)
         self._elsewhere: dict[str, int] = {}
 
@@ -43,7 +40,7 @@ class PartitionStreams:
         if there == self._partition:
             return None
         return (
-            f"asset {stream} is in partition {there}: publish it under {self._layout.prefix_of(there, self._prefix)}, "
+            f"asset {stream} is in partition {there}: publish it under {self._layout.prefix_of(there)}, "
             f"which gear-twin fleet key {stream} prints"
         )
 

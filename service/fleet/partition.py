@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
-from service.fleet.databases import fleet_tables, partition_tables
+from service.fleet.databases import database_of, fleet_tables, partition_tables
 from service.fleet.fence import Fence, leave_at_once
 from service.fleet.layout import Layout, folder_of
 from service.fleet.naming import PartitionStreams, is_hashed_to
@@ -39,7 +39,7 @@ def settings_of(settings: Settings, partition: int, layout: Layout) -> Settings:
     """The settings of one partition: its keys, and where its recordings are."""
     return settings.model_copy(
         update={
-            "prefix": layout.prefix_of(partition, settings.prefix),
+            "prefix": layout.prefix_of(partition),
             "raw_folder": settings.raw_folder and settings.raw_folder / folder_of(partition),
             "new_assets": settings.rule_of_new_assets[0],
         }
@@ -78,7 +78,7 @@ class PartitionRoles:
         if records_raw(self.own):
             found.append(
                 recorder(
-                    self.own, Path(), lambda others: self._recorded, name=record, prefix=self.settings.prefix,
+                    self.own, Path(), lambda others: self._recorded, name=record, prefix=self.layout.prefix,
                     here=partial(is_hashed_to, self.layout, self.partition),
                 )
             )  # fmt: skip
@@ -88,13 +88,13 @@ class PartitionRoles:
         """Does the role `ingest` of the partition, with workers in threads where there are no other processes."""
         own, timing = self.own, Timing()
         fence = Fence(partition=self.partition, host=self.host, lost=self.lost)
-        streams = PartitionStreams(self.layout, self.partition, self.settings.prefix)
+        streams = PartitionStreams(self.layout, self.partition)
         record = ident_of(RECORD, self.partition)
 
         @contextmanager
         def open_store() -> Iterator[SqlStore]:
-            tables = Database(partition_tables(self._database, fence, self.layout), claimed=True, took=timing.stored)
-            with SqlStore(tables) as store:
+            tables = partition_tables(database_of(self.settings), fence, self.layout)
+            with SqlStore(Database(tables, claimed=True, took=timing.stored)) as store:
                 streams.read(store.database)
                 yield store
 
@@ -109,10 +109,5 @@ class PartitionRoles:
             node=self.node, says_figures=True,
         )  # fmt: skip
 
-    @property
-    def _database(self) -> str:
-        assert self.settings.database is not None
-        return self.settings.database.get_secret_value()
-
     def _recorded(self) -> Database:
-        return fleet_tables(self._database, self.layout, "gear-twin records", self.partition)
+        return fleet_tables(database_of(self.settings), self.layout, "gear-twin records", self.partition)

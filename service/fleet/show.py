@@ -22,7 +22,5 @@ def print_status(found: Census) -> None:
     console.print(table)
     levels = ", ".join(f"{count} {level.replace('_', ' ')}" for level, count in sorted(found.assets.items()))
     console.print(f"assets: {sum(found.assets.values())}" + (f" ({levels})" if levels else ""))
-    if found.not_served:
-        console.print(f"not served: {', '.join(map(str, found.not_served))}")
     for partition in found.crowded:
         console.print(f"partition {partition} has more assets than are recovered in time: use more partitions")

@@ -18,11 +18,11 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from service.errors import InputError
-from service.fleet.databases import engine_of, reached
+from service.fleet.databases import database_of, engine_of, reached
 from service.fleet.engine import Engine
 from service.fleet.front import answered
 from service.fleet.host import Host, demand_router
-from service.fleet.layout import Layout, create, layout_of
+from service.fleet.layout import Layout, create
 from service.fleet.ray_session import ray_session
 from service.results.data_folder import only_service_of
 from service.results.roles import ANSWER
@@ -37,17 +37,12 @@ from service.termination import until_told
 from service.transport.zenoh_session import open_session
 
 RUNNING = "fleet.pid"  # in the fleet's folder, as long as it runs on this machine alone
-PARTITIONS = 8  # of a new fleet where nobody says
 LOOK_EVERY = 1.0  # [s]
 
 
-def database_of(settings: Settings) -> str:
-    """The URL of the fleet's database; InputError where none is set."""
-    if settings.database is None:
-        raise InputError(
-            "a fleet needs a PostgreSQL database that all its machines reach: --database postgresql://user@host/name"
-        )
-    return settings.database.get_secret_value()
+def prefix_set(settings: Settings) -> str | None:
+    """The prefix where somebody has set one; the fleet has its own."""
+    return settings.prefix if "prefix" in settings.model_fields_set else None
 
 
 def prepared(settings: Settings) -> Layout:
@@ -57,9 +52,7 @@ def prepared(settings: Settings) -> Layout:
         if getattr(settings, bridge) is not None:
             raise InputError(f"setting {bridge}: a fleet has no bridges to other networks; gear-twin serve has them")
     with reached(database):
-        engine = engine_of(database, poolclass=sa.NullPool)
-        known = layout_of(engine)
-        return create(engine, settings.fleet_partitions or (known.partitions if known else PARTITIONS))
+        return create(engine_of(database, poolclass=sa.NullPool), settings.fleet_partitions, prefix_set(settings))
 
 
 def up(

@@ -17,6 +17,8 @@ from service.errors import StorageUnavailable, StoreError
 from service.fleet.databases import engine_of
 from service.fleet.fence import FENCED, Fenced
 from service.fleet.layout import PARTITIONS, Layout, create, layout_of, partition_of
+from service.fleet.partition import settings_of
+from service.fleet.up import prepared
 from service.json_text import plain
 from service.results.alarm_store import AlarmStore
 from service.results.asset_list import area_of
@@ -25,6 +27,7 @@ from service.results.names import Names
 from service.results.window_jobs import WindowJobs
 from service.runtime.assess import assess
 from service.runtime.replay import replay
+from service.settings import Settings
 
 pytestmark = pytest.mark.slow
 
@@ -45,12 +48,33 @@ def test_the_area_is_what_the_name_states(asset, area):
     assert area_of(asset) == area
 
 
-def test_the_number_of_partitions_stays(fleet):
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"partitions": 4}, "partitions = 4: this fleet was created with 3, which stays, because the assets"),
+        (
+            {"prefix": "plant"},
+            "prefix = plant: this fleet was created with gearbox, which stays, because its publishers",
+        ),
+    ],
+)
+def test_partitions_and_prefix_stay(fleet, given, said):
+    """A host with another prefix took partitions, said that it served them, and received nothing."""
     engine = engine_of(fleet)
-    assert layout_of(engine) == Layout(3) and create(engine, 3) == Layout(3)
-    with pytest.raises(StoreError, match="this fleet was created with 3, and the number stays"):
-        create(engine, 4)
+    assert layout_of(engine) == Layout(3) and create(engine, 3, "gearbox") == create(engine) == Layout(3)
+    with pytest.raises(StoreError, match=said):
+        create(engine, **given)
     engine.dispose()
+
+
+def test_a_host_has_the_prefix_of_its_fleet_where_none_is_set(empty_postgresql):
+    engine = engine_of(empty_postgresql)
+    layout = create(engine, 2, "plant/gears")
+    engine.dispose()
+    settings = Settings(database=empty_postgresql)
+    assert prepared(settings) == layout and settings_of(settings, 1, layout).prefix == "fleet/001/plant/gears"
+    with pytest.raises(StoreError, match="prefix = gearbox: this fleet was created with plant/gears"):
+        prepared(Settings(database=empty_postgresql, prefix="gearbox"))
 
 
 def confirms(db):

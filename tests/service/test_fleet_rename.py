@@ -238,7 +238,7 @@ def test_assets_of_the_settings_are_those_of_the_partition_that_has_their_name(t
         rename(store, "unsw", NEW)
         shown = {}
         for own, partition in ((store, OWN), (other, HASHED)):
-            known = PartitionStreams(LAYOUT, partition, "gearbox")
+            known = PartitionStreams(LAYOUT, partition)
             known.read(own.database)
             declare(settings, own, Names(own.database), known.refusal)
             shown[partition] = set(fakes.WrittenTable(own).names())
@@ -250,7 +250,7 @@ def test_an_asset_that_takes_over_the_frames_of_another_is_in_its_partition(flee
         fakes.take(store, None, "unsw", 0, 100.0)
         Names(store.database).give_streams("unsw", NEW)
         assert row(fleet, NEW)["share"] == OWN and set(store.assets()) == {"unsw", NEW} and other.assets() == ()
-        known = PartitionStreams(LAYOUT, HASHED, "gearbox")
+        known = PartitionStreams(LAYOUT, HASHED)
         known.read(other.database)
         assert f"asset {NEW} is in partition {OWN}" in known.refusal(NEW)
         with pytest.raises(InputError, match=f"there is an asset '{NEW}' already"):
@@ -259,7 +259,7 @@ def test_an_asset_that_takes_over_the_frames_of_another_is_in_its_partition(flee
 
 @pytest.mark.parametrize("asks", [False, True])
 def test_frames_that_belong_to_another_partition_are_left_out_and_nobody_is_asked_about_them(caplog, asks):
-    known = PartitionStreams(LAYOUT, HASHED, "gearbox")
+    known = PartitionStreams(LAYOUT, HASHED)
     unknown = UnknownAssets(asks=asks, elsewhere=known.refusal)
     unknown.begin(lambda stream: False, ["unsw"])
     for _ in range(3):

@@ -39,7 +39,7 @@ def test_the_tests_of_serve_pass_with_a_fleet_of_one_partition():
 
 
 def test_a_fleet_of_one_partition_has_the_keys_of_serve_and_another_has_its_own():
-    assert Layout(1).prefix_of(0) == "gearbox" and Layout(1).prefix_of(0, "plant/gears") == "plant/gears"
+    assert Layout(1).prefix_of(0) == "gearbox" and Layout(1, "plant/gears").prefix_of(0) == "plant/gears"
     assert [Layout(2).prefix_of(partition) for partition in Layout(2).all] == [
         "fleet/000/gearbox", "fleet/001/gearbox"
     ]  # fmt: skip
