@@ -348,13 +348,14 @@ class AssetTable:
 
     def take(self, shown: Collection[Shown]) -> tuple[str, ...]:
         """Takes note of rows that have been written; the assets of this process's share that others have written."""
-        share = self._store.database.share
+        share, made = self._store.database.share, self._made
         with self._lock:
             new = [r for r in shown if share in (None, r.share) and self._told.get(r.asset) != r.version]
             self._told |= {row.asset: row.version for row in new}
-        found = tuple({row.asset: None for row in new})
-        if found:
-            self.changed(*found)
+            self._old |= {r.asset for r in new if r.asset not in made or made[r.asset].seen.version != r.version}
+        if found := tuple(row.asset for row in new):
+            self._tell(*found)
+            self._signal.wake(*found)
         return found
 
     def _tell(self, *assets: str, fleeting: bool = False) -> None:

@@ -51,7 +51,6 @@ class Feed(threading.Thread):
         """Takes note of what was noticed, and looks for what was not."""
         if noticed.missed:
             self._table.changed()
-            return
         self._table.take(noticed.shown)
         if noticed.look or self._behind:
             self._behind = True
