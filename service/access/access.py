@@ -95,7 +95,7 @@ class Access:
                 status = 403
                 detail = (
                     f"this needs the role {role}, and the service has no credentials: only clients of its own computer "
-                    "may do this; add a key there (gear-twin keys add)"
+                    "may do this; add a key there (gear-twin db keys add)"
                 )
         else:
             status, detail = 403, f"this needs the role {role}; {who.name} has {who.role or 'none'}"

@@ -133,7 +133,7 @@ class KeyStore:
         with self._changing() as keys:
             found = [k for k in keys.values() if which in (k.id, k.name) and not k.holds(self._clock())]
             if not found:
-                raise InputError(f"no revoked or expired key {which!r} can be removed; `gear-twin keys list` lists all")
+                raise InputError(f"no revoked or expired key {which!r} can be removed; see `gear-twin db keys list`")
             if len(keys) == len(found):
                 raise InputError("the last key stays in the list: without any, everybody on this computer might write")
             for key in found:

@@ -144,7 +144,7 @@ def _not_listed(request: Request, asset: str) -> JSONResponse:
     listed = ", ".join(names) or "none"
     detail = (
         f"no frame of {asset!r} has come: unknown assets are {listed}; "
-        "POST /v1/assets (gear-twin assets create) makes an asset before its first frame"
+        "POST /v1/assets (gear-twin remote assets create) makes an asset before its first frame"
     )
     return problem(request, 404, detail, known=names)
 

@@ -120,7 +120,7 @@ class OpcUaBridge:
         if not self._access.configured and self._access.anonymous is None:
             raise InputError(
                 f"opcua = {self._url}: other computers can reach this address, and there are no credentials; make a "
-                "key (gear-twin keys add), listen at 127.0.0.1, or permit everybody to read ([access] anonymous = "
+                "key (gear-twin db keys add), listen at 127.0.0.1, or permit everybody to read ([access] anonymous = "
                 '"read")'
             )
 

@@ -1,4 +1,4 @@
-"""`gear-twin alarms`, `effects` and `audit`: what a running service has found, and what people decide on it."""
+"""`gear-twin remote alarms`, `effects` and `audit`: what a running service has found, and what people decide on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`gear-twin assets`: the machines of a running service, and what people change on them."""
+"""`gear-twin remote assets`: the machines of a running service, and what people change on them."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def rig(
     body = {"decision": decision, "digest": accept or reject, "by": by, "note": note}
     answer = service.ask("assets", asset, "rig-proposal", body=body)
     asked = (answer["effect"] or {}).get("question")
-    then = "; it is of other gears: answer the open question (gear-twin assets list)" if asked else ""
+    then = "; it is of other gears: answer the open question (gear-twin remote assets list)" if asked else ""
     return Shown(answer, lambda: f"rig file {decision}ed for {asset}: {DONE if answer['done'] else QUEUED}{then}")
 
 
@@ -235,7 +235,7 @@ def asset_lines(found: Sequence[Mapping[str, Any]], asked: Sequence[Any]) -> lis
         lines.append(line)
         if question is not None:
             lines.append(f"  {question['text']} {question['detail']}")
-            lines.append(f"  {question['waiting']} windows wait. Answer: gear-twin assets change {a['asset']} ANSWER")
+            lines.append(f"  {question['waiting']} windows wait. Answer: gear-twin remote assets change {a['asset']}")
             lines.append(f"  with one of {', '.join(question['answers'])}")
     return lines or ["no asset has sent a frame yet"]
 
@@ -251,7 +251,7 @@ def unknown_lines(found: Mapping[str, Any]) -> list[str]:
         rows.append((a["asset"], f"{a['frames']} frames", seen, (", ".join(a["channels"]) or "no channel") + rig))
     if not rows:
         return ["no unknown asset sends frames"]
-    how = "gear-twin assets adopt NAME makes one known; gear-twin assets dismiss NAME takes it off this list"
+    how = "gear-twin remote assets adopt NAME makes one known; dismiss in place of adopt takes it off this list"
     return [*table(rows, right=(1,)), how]
 
 
@@ -267,4 +267,4 @@ def proposal_lines(found: Sequence[Mapping[str, Any]]) -> list[str]:
             (d["key"], *("absent" if d[n] is None else d[n] for n in ("present", "proposed"))) for d in p["differences"]
         ]
         lines += [f"  {line}" for line in table([(key, f"{before} -> {after}") for key, before, after in rows])]
-    return [*lines, "gear-twin assets rig ASSET --accept DIGEST uses one; --reject DIGEST keeps the present one"]
+    return [*lines, "gear-twin remote assets rig ASSET --accept DIGEST uses one; --reject DIGEST keeps the present one"]

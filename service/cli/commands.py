@@ -22,7 +22,14 @@ START, ANSWER, MODEL, DATA, KEEP = GROUPS
 
 
 class Grouped(TyperGroup):
-    """Commands in the order in which people meet them."""
+    """Commands in the order in which people meet them; one of a group is said where it is asked for without that."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command of the arguments; UsageError where there is none, with its group where one has it."""
+        for name, group in self.commands.items() if args[0] not in self.commands else ():
+            if args[0] in getattr(group, "commands", ()):
+                ctx.fail(f"{args[0]} is a command of {name}: gear-twin {name} {' '.join(args)}")
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names of the commands, by group and then in the order in which they were registered."""
@@ -100,7 +107,6 @@ def demo(
 COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
     START: {
         "serve": serve, "demo": demo, "init": setup.init, "doctor": setup.doctor, "config": answering(config),
-        "ready": rest.ready, "audit": alarms.audit,
     },
     ANSWER: {
         "assess": answers.assess, "thresholds": setup.thresholds, "report": answers.report,
@@ -114,14 +120,17 @@ COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "replay": recordings.replay, "record": recordings.record, "simulate": recordings.simulate,
         "import": importing.import_, "signals": signals.signals,
     },
-    KEEP: {"backup": keeping.backup, "restore": keeping.restore, "export": keeping.export, "check": keeping.check},
 }  # fmt: skip
 for _panel, _commands in COMMANDS.items():
     for _name, _command in _commands.items():
         app.command(name=_name, rich_help_panel=_panel)(_command)
-app.add_typer(keeping.keys, name="keys", rich_help_panel=START)
-app.add_typer(assets.app, name="assets", rich_help_panel=START)
-app.add_typer(alarms.app, name="alarms", rich_help_panel=ANSWER)
-app.add_typer(alarms.effects, name="effects", rich_help_panel=ANSWER)
 app.add_typer(recordings.example, name="example", rich_help_panel=DATA)
+remote = typer.Typer(no_args_is_help=True, help="Ask a running service: machines, alarms, effects; and decide on them.")
+remote.command()(rest.ready)
+remote.add_typer(assets.app, name="assets")
+remote.add_typer(alarms.app, name="alarms")
+remote.add_typer(alarms.effects, name="effects")
+remote.command()(alarms.audit)
+app.add_typer(remote, name="remote", rich_help_panel=KEEP)
+app.add_typer(keeping.app, name="db", rich_help_panel=KEEP)
 app.add_typer(fleet, name="fleet", rich_help_panel=KEEP)

@@ -1,4 +1,4 @@
-"""`gear-twin keys`, `backup`, `restore`, `export` and `check`: looking after what a service has kept."""
+"""`gear-twin db`: looking after what a service has kept."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from service.cli.config import ConfigFile
 from service.errors import InputError, StoreError
 from service.report.words import listed
 
+app = typer.Typer(no_args_is_help=True, help="Look after a database and its files: backups, exports, API keys.")
 keys = typer.Typer(no_args_is_help=True, help="Make, list and revoke the API keys of a service.")
 
 Which = Annotated[str, Argument(metavar="KEY", help="Name or identifier of the key, as listed.")]
@@ -117,6 +118,7 @@ def _place(data: Path | None, config: Path | None) -> tuple[Path, Path | str]:
     return settings.data, database_of(settings.data, settings.database)
 
 
+@app.command()
 @answering
 def backup(
     archive: Archive,
@@ -132,6 +134,7 @@ def backup(
     return Shown(asdict(made), lambda: (), (f"{archive}: {held}",))
 
 
+@app.command()
 @answering
 def restore(archive: Archive, data: Data = None, config: ConfigFile = None) -> Shown:
     """Bring a backup back into an empty data directory and database, of the other kind too."""
@@ -145,6 +148,7 @@ def restore(archive: Archive, data: Data = None, config: ConfigFile = None) -> S
     return Shown(asdict(made), lambda: (), (note,))
 
 
+@app.command()
 @answering
 def check(data: Data = None, config: ConfigFile = None) -> Shown:
     """Say what is wrong with a database and its files, and how large it becomes; the service may run."""
@@ -173,6 +177,7 @@ def check(data: Data = None, config: ConfigFile = None) -> Shown:
     return Shown(shown, lambda: wrong, () if failed else tuple(notes), failed)
 
 
+@app.command()
 def export(
     out: Annotated[Path, Argument(metavar="OUT", help="File to write: .csv, .jsonl or .parquet.")],
     what: Annotated[What, Option(help="What is written, a row each.")] = "windows",
@@ -213,3 +218,6 @@ def _moment(text: str | None, option: str, default: int) -> int:
         return default
     found = _date(text, f"{option} {text!r} must be a time such as 2026-01-31 or 2026-01-31T12:00:00Z")
     return int(found.timestamp()) * 10**9 + found.microsecond * 1000
+
+
+app.add_typer(keys, name="keys")

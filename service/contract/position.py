@@ -49,7 +49,9 @@ class PositionModel(ContractModel):
 
 def why_unknown(stream: str) -> str:
     """Why no frames are used of a stream whose asset nobody has adopted."""
-    return f"asset {stream} is unknown to the service: adopt it on the page, or with gear-twin assets adopt {stream}"
+    return (
+        f"asset {stream} is unknown to the service: adopt it on the page, or by gear-twin remote assets adopt {stream}"
+    )
 
 
 def why_retired(asset: str) -> str:

@@ -167,7 +167,7 @@ OF_STREAMS = (
     _gauge(
         "unknown_assets",
         "assets that are not known and wait to be adopted",
-        "Adopt or dismiss them: `gear-twin assets unknown`, or the page.",
+        "Adopt or dismiss them: `gear-twin remote assets unknown`, or the page.",
     ),
     _counter(
         "unknown_asset_frames",
@@ -177,8 +177,8 @@ OF_STREAMS = (
     _gauge(
         "rig_proposals",
         "rig files that came on the stream and wait for a decision",
-        "Accept or reject them: `gear-twin assets rig`, or the page. One that nobody has sent on purpose is a wrong or "
-        "hostile publisher.",
+        "Accept or reject them: `gear-twin remote assets rig`, or the page. One that nobody has sent on purpose is a "
+        "wrong or hostile publisher.",
     ),
     _gauge(
         "queue_frames",

@@ -139,7 +139,9 @@ FAULTS: dict[str, Named] = {
         "the torque is outside of the operating points of the rig file",
         "Correct the rig file, or expect figures of less certainty.",
     ),
-    "stored_window": Named("the file in which the window waited cannot be read", "Check the disk; `gear-twin check`."),
+    "stored_window": Named(
+        "the file in which the window waited cannot be read", "Check the disk; `gear-twin db check`."
+    ),
     # of assets
     "stale": Named(
         "no whole window for longer than the service allows",
@@ -194,7 +196,7 @@ ALARMS: dict[str, Named] = {
 QUESTIONS: dict[str, Named] = {
     "count_fell": Named(
         "the revolution count fell: new gears, or a counter that began again",
-        "Answer it on the page, or by `gear-twin assets change`.",
+        "Answer it on the page, or by `gear-twin remote assets change`.",
     ),
     "gears_differ": Named(
         "a rig file with other gears than those of the stored state",
@@ -221,7 +223,7 @@ STORAGE: dict[str, Named] = {
     "input or output": Named("the disk fails, or the file was removed", "Check the disk; restore a backup."),
     "damaged": Named(
         "the stored state of an asset is not what was written",
-        "`gear-twin check`, then restore a backup.",
+        "`gear-twin db check`, then restore a backup.",
     ),
 }
 """By cause of storage that cannot be used, in `/readyz`, the log, and `storage` of an asset."""

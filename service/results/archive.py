@@ -114,7 +114,9 @@ def _snapshot(data: Path, backend: Backend, held: Path, signals: bool) -> None:
         if not missing:
             break
     else:
-        raise StoreError(f"{missing[0]} is named by the database and is not there: `gear-twin check` says what to do")
+        raise StoreError(
+            f"{missing[0]} is named by the database and is not there: `gear-twin db check` says what to do"
+        )
     for path in (held / SEGMENTS).glob("*"):
         if path.relative_to(held) not in named:
             path.unlink()  # of windows that are no part of this moment, or of raw signals that are not asked for
@@ -264,7 +266,7 @@ def _demand_sound(copy: Path, of: Path) -> None:
         except sqlite3.DatabaseError as error:
             found = str(error)
     if found != "ok":
-        raise StoreError(f"the database of {of} is damaged ({' '.join(found.split())}): `gear-twin check` says more")
+        raise StoreError(f"the database of {of} is damaged ({' '.join(found.split())}): `gear-twin db check` says more")
 
 
 def _into_server(copy: Path, backend: Backend) -> None:

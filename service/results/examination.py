@@ -1,4 +1,4 @@
-"""What is wrong with a database and the files that it refers to, and what to do: `gear-twin check`."""
+"""What is wrong with a database and the files that it refers to, and what to do: `gear-twin db check`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from service.results.schema import ASSETS, JOBS, METADATA, WINDOW, WINDOWS
 from service.results.schema import BASELINES as OWN_BASELINES
 from service.results.segment_file import read_segment
 
-RESTORE = "restore the latest backup into an empty directory (`gear-twin restore`)"
+RESTORE = "restore the latest backup into an empty directory (`gear-twin db restore`)"
 MOST_SAID = 100  # findings of one kind
 _SEGMENTS = sa.select(WINDOWS.c.segment).where(WINDOWS.c.segment.is_not(None))
 

@@ -258,7 +258,7 @@ class UnknownAssets:
         if now - self._said >= SAY_EVERY:
             self._said = now
             log.warning(
-                "asset %s is unknown: its frames are left out until a person adopts it (gear-twin assets unknown)",
+                "asset %s is unknown: its frames are left out until it is adopted (gear-twin remote assets unknown)",
                 stream, extra={"asset": stream},
             )  # fmt: skip
         return entry

@@ -31,7 +31,7 @@ def access_of(settings: Settings) -> Access:
     if not is_loopback(settings.http_host) and not access.configured and access.anonymous is None:
         raise InputError(
             f"http = {settings.http}: other computers can reach this address, and there are no credentials; make a key "
-            f"(gear-twin keys add --name NAME --role administer --data {settings.data}), name an issuer of tokens "
+            f"(gear-twin db keys add --name NAME --role administer --data {settings.data}), name an issuer of tokens "
             '([oidc] issuer), listen at 127.0.0.1, or permit everybody to read ([access] anonymous = "read")'
         )
     demand_protected_links(settings)

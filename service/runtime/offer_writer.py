@@ -76,7 +76,7 @@ class OfferWriter:
         self._rigs.proposed.clear()
         for proposal in proposals:
             log.warning(
-                "%s: a rig file has come that is not the one in use: it is kept as a proposal (gear-twin assets rig)",
+                "%s: a rig file that is not the one in use is kept as a proposal (gear-twin remote assets rig)",
                 proposal.asset, extra={"asset": proposal.asset},
             )  # fmt: skip
 

@@ -205,14 +205,14 @@ def test_keys_of_the_command_line_hold_in_the_running_service_at_once(tmp_path, 
     fakes.campaign(store, board)
     app = create_app(board, store, access=Access(KeyStore(tmp_path)))
     assert ask(app, "GET", "/v1/assets").status_code == 200
-    assert command(["keys", "add", "--name", "ann", "--role", "operate", "--data", str(tmp_path)]) == 0
+    assert command(["db", "keys", "add", "--name", "ann", "--role", "operate", "--data", str(tmp_path)]) == 0
     key = capsys.readouterr().out.strip()
     assert ask(app, "GET", "/v1/assets").status_code == 401
     assert ask(app, "GET", "/v1/assets", headers=bearer(key)).status_code == 200
-    assert command(["keys", "list", "--data", str(tmp_path)]) == 0
+    assert command(["db", "keys", "list", "--data", str(tmp_path)]) == 0
     listed = capsys.readouterr().out
     assert "valid" in listed and "ann" in listed and key not in listed
-    assert command(["keys", "revoke", "ann", "--data", str(tmp_path)]) == 0
+    assert command(["db", "keys", "revoke", "ann", "--data", str(tmp_path)]) == 0
     assert ask(app, "GET", "/v1/assets", headers=bearer(key)).status_code == 401
     assert ask(app, "GET", "/v1/assets").status_code == 401  # revoking the last key opens nothing
 
@@ -238,7 +238,7 @@ def test_file_of_keys_that_is_removed_or_broken_lets_nobody_in(tmp_path, store, 
     ],
 )
 def test_key_that_cannot_be_is_one_line(tmp_path, capsys, arguments, said):
-    assert command(["keys", "add", "--data", str(tmp_path), *arguments]) == 2
+    assert command(["db", "keys", "add", "--data", str(tmp_path), *arguments]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1
 
@@ -314,7 +314,7 @@ def test_service_that_others_could_reach_without_credentials_does_not_start(tmp_
     arguments = ["serve", "--http", "0.0.0.0:8080", "--data", str(tmp_path)]
     assert command(arguments) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "gear-twin keys add" in said and "anonymous" in said
+    assert said.count("\n") == 1 and "gear-twin db keys add" in said and "anonymous" in said
 
 
 def test_service_that_others_reach_starts_with_a_key_an_issuer_or_reading_only(tmp_path):

@@ -1,4 +1,4 @@
-"""`gear-twin alarms` against a running service."""
+"""`gear-twin remote alarms` against a running service."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def worn(store, board, address):
 
 
 def said(capsys, *arguments):
-    status = run(["alarms", *arguments])
+    status = run(["remote", "alarms", *arguments])
     out, err = capsys.readouterr()
     return status, out, err
 

@@ -181,7 +181,20 @@ def test_a_baseline_of_other_gears_is_refused_and_one_of_these_is_taken(running,
     status, text = request(running, "PUT", f"{BENCH}/baseline", b"no baseline")
     assert status == 409 and "not a baseline" in text and "/" not in text.split("detail")[1].split("instance")[0]
     assert (
-        run(["assets", "baseline", "bench", *map(str, own), "--by", "me", "--service", f"http://{running.http}"]) == 0
+        run(
+            [
+                "remote",
+                "assets",
+                "baseline",
+                "bench",
+                *map(str, own),
+                "--by",
+                "me",
+                "--service",
+                f"http://{running.http}",
+            ]
+        )
+        == 0
     )
     assert running.get(f"{BENCH}/baseline")["by"] == "me"
     assert len(list((running.folder / BASELINES).iterdir())) == 1  # what was refused is gone
@@ -190,11 +203,11 @@ def test_a_baseline_of_other_gears_is_refused_and_one_of_these_is_taken(running,
 @pytest.mark.slow
 def test_the_command_learns_from_windows_and_says_what_it_suffices_for(running, capsys):
     url = ["--service", f"http://{running.http}"]
-    assert run(["assets", "baseline", "bench", "--windows", "0-2,3", *url]) == 0
+    assert run(["remote", "assets", "baseline", "bench", "--windows", "0-2,3", *url]) == 0
     assert "4" in capsys.readouterr().out
-    assert run(["assets", "baseline", "bench", "--remove", *url]) == 0
+    assert run(["remote", "assets", "baseline", "bench", "--remove", *url]) == 0
     assert capsys.readouterr().out == "bench has no baseline of its own\n"
-    assert run(["assets", "baseline", "bench", "--windows", "x", *url]) == 2
+    assert run(["remote", "assets", "baseline", "bench", "--windows", "x", *url]) == 2
     assert "no window number or range" in capsys.readouterr().err
 
 

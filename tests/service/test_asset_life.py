@@ -458,13 +458,13 @@ def test_the_command_lists_the_question_and_answers_it(running, network, first, 
     url = f"http://{running.http}"
 
     def gear_twin(*arguments, status=0):
-        assert run(["assets", *arguments, "--service", url]) == status
+        assert run(["remote", "assets", *arguments, "--service", url]) == status
         said = capsys.readouterr()
         return said.out if status == 0 else said.err
 
     listed = gear_twin("list")
     assert "unsw  no verdict" in listed and "Gears replaced, or another machine?" in listed
-    assert "4 windows wait. Answer: gear-twin assets change unsw ANSWER" in listed
+    assert "4 windows wait. Answer: gear-twin remote assets change unsw ANSWER" in listed
     assert gear_twin("change", "unsw", "other_machine", "--name", "bench-2", "--by", "me") == (
         "other_machine of unsw: done\n"
     )

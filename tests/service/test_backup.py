@@ -211,14 +211,14 @@ def test_backup_of_a_damaged_database_is_refused(data, tmp_path):
 def test_commands_back_up_and_restore_while_a_service_has_the_directory(data, tmp_path, capsys):
     fill(data, data / DATABASE)
     with only_service_of(data):
-        assert run(["backup", str(tmp_path / "b.zip"), "--data", str(data)]) == 0
+        assert run(["db", "backup", str(tmp_path / "b.zip"), "--data", str(data)]) == 0
         assert "2 assets, 17 windows" in capsys.readouterr().err
-        assert run(["restore", str(tmp_path / "b.zip"), "--data", str(data)]) == 2
+        assert run(["db", "restore", str(tmp_path / "b.zip"), "--data", str(data)]) == 2
         assert "another service has this data directory" in capsys.readouterr().err
-    assert run(["restore", str(tmp_path / "b.zip"), "--data", str(tmp_path / "new"), "--json", "-"]) == 0
+    assert run(["db", "restore", str(tmp_path / "b.zip"), "--data", str(tmp_path / "new"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["windows"] == 17
-    assert run(["check", "--data", str(tmp_path / "new")]) == 0
-    assert run(["restore", str(tmp_path / "none.zip"), "--data", str(tmp_path / "other")]) == 2
+    assert run(["db", "check", "--data", str(tmp_path / "new")]) == 0
+    assert run(["db", "restore", str(tmp_path / "none.zip"), "--data", str(tmp_path / "other")]) == 2
 
 
 def test_an_archive_holds_no_credentials(data, tmp_path):
@@ -239,7 +239,7 @@ def test_check_says_what_is_wrong_and_what_to_do(data, capsys):
     for path in (data / SEGMENTS).glob("*.mcap"):  # of a window that waits, and of one whose signals are kept
         path.unlink()
     next((data / BASELINES).iterdir()).unlink()
-    assert run(["check", "--data", str(data)]) == 2
+    assert run(["db", "check", "--data", str(data)]) == 2
     said = capsys.readouterr()
     assert "gear-twin: 6 things are wrong" in said.err and "Traceback" not in said.err
     for part in (
@@ -251,13 +251,13 @@ def test_check_says_what_is_wrong_and_what_to_do(data, capsys):
         "the raw signals ",
     ):
         assert part in said.out
-    assert said.out.count("gear-twin restore") >= 4
+    assert said.out.count("gear-twin db restore") >= 4
 
 
 def test_check_knows_no_trouble_with_either_kind(where, data, capsys, monkeypatch):
     fill(data, where)
     monkeypatch.setenv("GEAR_TWIN_DATABASE", where if isinstance(where, str) else f"sqlite:///{where}")
-    assert run(["check", "--data", str(data)]) == 0
+    assert run(["db", "check", "--data", str(data)]) == 0
     assert "nothing is wrong" in capsys.readouterr().err
 
 
@@ -266,7 +266,7 @@ def test_results_are_exported_by_asset_and_time(data, tmp_path, capsys):
     fill(data, data / DATABASE)
     out = tmp_path / "out.csv"
     given = ["--data", str(data), "--asset", "unsw", "--from", "2023-11-14T22:23:20Z", "--to", "2023-11-14T23:03:20Z"]
-    assert run(["export", str(out), *given]) == 0
+    assert run(["db", "export", str(out), *given]) == 0
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert [row["index"] for row in rows] == ["1", "2", "3", "4"] and {row["asset"] for row in rows} == {"unsw"}
@@ -274,13 +274,13 @@ def test_results_are_exported_by_asset_and_time(data, tmp_path, capsys):
         expected = store.windows("unsw")[2]
     assert float(rows[1]["depth_um_combined_p95"]) == expected.figures["depth_um"]["combined"]["p95"]
     assert float(rows[1]["rms_measured"]) == expected.record["rms_measured"]
-    assert run(["export", str(tmp_path / "e.jsonl"), "--what", "events", "--data", str(data)]) == 0
+    assert run(["db", "export", str(tmp_path / "e.jsonl"), "--what", "events", "--data", str(data)]) == 0
     events = [json.loads(line) for line in (tmp_path / "e.jsonl").read_text().splitlines()]
     assert {e["asset"] for e in events} == {"unsw", "spindle"} and "window" in {e["kind"] for e in events}
-    assert run(["export", str(tmp_path / "w.parquet"), "--data", str(data)]) == 0
+    assert run(["db", "export", str(tmp_path / "w.parquet"), "--data", str(data)]) == 0
     import pyarrow.parquet
 
     assert pyarrow.parquet.read_table(tmp_path / "w.parquet").num_rows == 17
     for wrong in (["x.xlsx"], ["x.csv", "--asset", "nobody"], ["x.csv", "--from", "yesterday"]):
-        assert run(["export", str(tmp_path / wrong[0]), *wrong[1:], "--data", str(data)]) == 2
+        assert run(["db", "export", str(tmp_path / wrong[0]), *wrong[1:], "--data", str(data)]) == 2
     assert not (tmp_path / "x.csv").exists()

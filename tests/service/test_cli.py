@@ -47,7 +47,8 @@ COMMANDS = (
     "demo",
     "report",
     "diagnose",
-    "effects",
+    "remote",
+    "db",
 )
 
 
@@ -139,10 +140,19 @@ def test_every_command_explains_itself(capsys, command):
 
 
 def test_without_arguments_the_help_is_shown_and_nothing_has_failed(capsys):
-    for arguments in ([], ["effects"], ["example"]):
+    for arguments in ([], ["remote"], ["remote", "effects"], ["db"], ["example"]):
         assert run(arguments) == 0
         captured = capsys.readouterr()
         assert "Usage: gear-twin" in captured.out + captured.err and "gear-twin:  (" not in captured.err
+
+
+@pytest.mark.parametrize(
+    ("given", "group"),
+    [(["alarms", "list", "--all"], "remote"), (["backup", "b.zip"], "db"), (["up"], "fleet"), (["ready"], "remote")],
+)
+def test_a_command_of_a_group_is_said_where_its_name_alone_is_given(capsys, given, group):
+    assert run(given) == 2
+    assert f"{given[0]} is a command of {group}: gear-twin {group} {' '.join(given)} (see" in capsys.readouterr().err
 
 
 def test_the_version_is_that_of_the_project(capsys):

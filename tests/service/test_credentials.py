@@ -38,7 +38,7 @@ def served(address, store, board):
 @pytest.mark.slow
 def test_commands_take_a_key_as_option_or_variable_and_never_print_it(served, keys, capsys, monkeypatch):
     key = keys.add("reader", Role.read)
-    for command in (["effects", "list"], ["alarms", "list"], ["assets", "list"]):
+    for command in (["remote", "effects", "list"], ["remote", "alarms", "list"], ["remote", "assets", "list"]):
         assert run([*command, "--url", served]) == 2
         assert "key or token with the role read" in capsys.readouterr().err
         assert run([*command, "--url", served, "--key", key]) == 0
@@ -46,8 +46,8 @@ def test_commands_take_a_key_as_option_or_variable_and_never_print_it(served, ke
         assert run([*command, "--url", served]) == 2  # the option held for its command alone
         capsys.readouterr()
     monkeypatch.setenv("GEAR_TWIN_KEY", key)
-    assert run(["alarms", "list", "--url", served]) == 0
-    assert run(["effects", "accept", "unsw", "misalignment", "--url", served]) == 2
+    assert run(["remote", "alarms", "list", "--url", served]) == 0
+    assert run(["remote", "effects", "accept", "unsw", "misalignment", "--url", served]) == 2
     said = capsys.readouterr().err
     assert "this needs the role operate; reader has read" in said and key not in said
 

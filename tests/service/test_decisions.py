@@ -29,7 +29,7 @@ from twin.tracing.decisions import Decision
 
 WINDOWS = 3
 UNSW = "/v1/assets/unsw"
-COMMAND = [sys.executable, "-m", "service", "effects"]
+COMMAND = [sys.executable, "-m", "service", "remote", "effects"]
 ROOT = Path(__file__).parents[2]
 
 
@@ -193,11 +193,11 @@ def test_decision_keeps_name_and_note_from_rest_to_store_list_and_event(address,
 def test_command_signs_a_decision_and_lists_them(address, store, board, capsys):
     fakes.campaign(store, board)
     url = ["--url", address]
-    assert run(["effects", "decisions", *url]) == 0
+    assert run(["remote", "effects", "decisions", *url]) == 0
     assert capsys.readouterr().out == "unsw: no decisions have been entered\n"
-    assert run(["effects", "pin", "unsw", "misalignment", "--by", "Anna", "--note", "measured", *url]) == 0
+    assert run(["remote", "effects", "pin", "unsw", "misalignment", "--by", "Anna", "--note", "measured", *url]) == 0
     capsys.readouterr()
-    assert run(["effects", "decisions", "unsw", *url]) == 0
+    assert run(["remote", "effects", "decisions", "unsw", *url]) == 0
     line = capsys.readouterr().out.splitlines()[-1].split()
     assert line[3:] == ["pin", "misalignment", "no", "Anna", "measured"]
 
@@ -245,12 +245,12 @@ def test_effects_command_lists_and_decides(tmp_path, recording):
 @pytest.mark.slow
 def test_asset_must_be_named_where_there_are_several(capsys, address, store, board):
     def refused(*given):
-        assert run(["effects", *given, "--url", address]) == 2
+        assert run(["remote", "effects", *given, "--url", address]) == 2
         return capsys.readouterr().err
 
     assert "no asset has sent a frame yet" in refused("pin", "misalignment")
     fakes.campaign(store, board)
-    assert run(["effects", "pin", "misalignment", "--url", address]) == 0
+    assert run(["remote", "effects", "pin", "misalignment", "--url", address]) == 0
     assert capsys.readouterr().out.startswith("pin misalignment of unsw: queued")  # nobody carries it out here
     fakes.take(store, board, "another", 0, 10.0)
     assert "name one of its assets: another, unsw" in refused("pin", "misalignment")

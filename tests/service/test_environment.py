@@ -98,7 +98,7 @@ def test_a_service_none_of_whose_workers_lives_is_not_ready_and_says_why_whereve
     with serving(tmp_path / "program") as running:
         why = "no worker process can be started"
         wait_until(lambda: "has ended with status" in running.said()[1])
-        assert run(["ready", "--url", f"http://{running.http}"]) == 2 and why in capsys.readouterr().err
+        assert run(["remote", "ready", "--url", f"http://{running.http}"]) == 2 and why in capsys.readouterr().err
         assert run(["replay", str(recording), "--connect", running.endpoint, "--speed", "0"]) == 0
         assert re.search(f"the frames are stored and cannot be assessed now: {why}: .+", capsys.readouterr().err)
         wait_until(lambda: why in str(running.get("/v1/assets")))
@@ -141,7 +141,7 @@ def proxy(monkeypatch):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "127.0.0.2", socket.gethostname()])
 def test_commands_and_the_client_ask_a_service_directly_whatever_proxy_is_named(proxy, capsys, host):
-    """The image's health check is `gear-twin ready`."""
+    """The image's health check is `gear-twin remote ready`."""
 
     class Ready(Proxy):
         def do_GET(self):
@@ -152,7 +152,7 @@ def test_commands_and_the_client_ask_a_service_directly_whatever_proxy_is_named(
     with ThreadingHTTPServer(("0.0.0.0", 0), Ready) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         url = f"http://{host}:{server.server_port}"
-        assert run(["ready", "--url", url]) == 0 and capsys.readouterr().out == "ready\n"
+        assert run(["remote", "ready", "--url", url]) == 0 and capsys.readouterr().out == "ready\n"
         with Client(url) as client:
             assert client.assets() == []
         server.shutdown()

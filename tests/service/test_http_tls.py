@@ -106,7 +106,10 @@ def test_commands_and_the_python_client_show_their_certificate(store, board, tmp
         url = f"https://127.0.0.1:{port}"
         for authorities, shown, status in ((right, own, 0), (wrong, own, 2), (right, forged, 2), (right, None, 2)):
             options = [] if shown is None else ["--certificate", str(shown[0]), "--private-key", str(shown[1])]
-            assert run(["assets", "list", "--url", url, "--ca", str(authorities), *options]) == status, (shown, status)
+            assert run(["remote", "assets", "list", "--url", url, "--ca", str(authorities), *options]) == status, (
+                shown,
+                status,
+            )
             said = capsys.readouterr()
             assert "unsw" in said.out if status == 0 else said.err.count("\n") == 1
         for files, what in (
@@ -115,7 +118,7 @@ def test_commands_and_the_python_client_show_their_certificate(store, board, tmp
             ((tmp_path / "absent", own[1]), "cannot be read as a certificate and its private key"),
         ):
             options = ["--certificate", str(files[0]), "--private-key", str(files[1])]
-            assert run(["assets", "list", "--url", url, "--ca", str(right), *options]) == 2
+            assert run(["remote", "assets", "list", "--url", url, "--ca", str(right), *options]) == 2
             assert what in capsys.readouterr().err
         with gear_twin.Client(url, ca=right, certificate=own[0], private_key=own[1]) as client:
             assert [machine.asset for machine in client.assets()] == ["unsw"]
@@ -123,7 +126,7 @@ def test_commands_and_the_python_client_show_their_certificate(store, board, tmp
             client.assets()
         for name, file in (("CA", right), ("CERTIFICATE", own[0]), ("PRIVATE_KEY", own[1])):
             monkeypatch.setenv(f"GEAR_TWIN_{name}", str(file))
-        assert run(["assets", "list", "--url", url]) == 0
+        assert run(["remote", "assets", "list", "--url", url]) == 0
         with gear_twin.Client(url) as client:
             assert len(client.assets()) == 1
             with pytest.raises(gear_twin.ServiceError, match="historian has read"):

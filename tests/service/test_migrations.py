@@ -63,7 +63,7 @@ def test_database_of_before_the_first_release_is_refused_with_what_to_do_and_sta
         db.commit()
     with pytest.raises(StoreError, match="assess the recordings anew"):
         SqlStore(path)
-    for command in (["check"], ["export", str(tmp_path / "x.csv")], ["serve"]):
+    for command in (["db", "check"], ["db", "export", str(tmp_path / "x.csv")], ["serve"]):
         assert run([*command, "--data", str(tmp_path)]) == 2
         said = capsys.readouterr().err.strip()
         assert said.count("\n") == 0 and "tables from before the first release" in said, said
@@ -139,9 +139,9 @@ def test_a_backup_of_before_the_first_release_is_refused_and_nothing_is_restored
     with closing(sqlite3.connect(data / DATABASE)) as db:
         db.execute("UPDATE alembic_version SET version_num = '0008'")
         db.commit()
-    assert run(["backup", str(archive), "--data", str(data)]) == 0
+    assert run(["db", "backup", str(archive), "--data", str(data)]) == 0
     capsys.readouterr()
-    assert run(["restore", str(archive), "--data", str(empty)]) == 2
+    assert run(["db", "restore", str(archive), "--data", str(empty)]) == 2
     said = capsys.readouterr().err.strip()
     assert said.startswith(f"gear-twin: the database of {archive} has tables from before the first release"), said
     assert not [path for path in empty.iterdir() if path.name != "service.lock"]

@@ -502,7 +502,7 @@ def test_a_killed_service_leaves_recordings_that_can_be_assessed_and_replayed(tm
         running.end(signal.SIGTERM)
     if Service.fleets is not None:  # it is for what `serve` keeps
         return
-    assert run(["check", "--data", str(tmp_path / "data"), "--config", str(config(tmp_path, folder))]) == 0
+    assert run(["db", "check", "--data", str(tmp_path / "data"), "--config", str(config(tmp_path, folder))]) == 0
     assert " raw recordings, " in capsys.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""`gear-twin ready`, and commands whose packages an installation leaves out."""
+"""`gear-twin remote ready`, and commands whose packages an installation leaves out."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FAULTY = Path(__file__).parents[2] / "recordings" / "faulty-campaign.mcap"
 
 
 def test_a_service_that_accepts_frames_is_ready(address, capsys):
-    assert run(["ready", "--url", address]) == 0
+    assert run(["remote", "ready", "--url", address]) == 0
     assert capsys.readouterr().out == "ready\n"
 
 
 def test_where_no_service_answers_the_line_says_so(monkeypatch, capsys):
     port = free_port()
     monkeypatch.setenv("GEAR_TWIN_HTTP", f"0.0.0.0:{port}")
-    assert run(["ready"]) == 2
+    assert run(["remote", "ready"]) == 2
     assert f"http://127.0.0.1:{port}: no service answers at this address" in capsys.readouterr().err
 
 

@@ -168,11 +168,11 @@ def test_rejected_it_does_not_come_back_after_a_restart(tmp_path, network, recor
         network.on_rig("unsw", other)
         wait_until(lambda: proposed(asking))
         url = f"http://{asking.http}"
-        assert run(["assets", "rig", "--url", url]) == 0
+        assert run(["remote", "assets", "rig", "--url", url]) == 0
         said = capsys.readouterr().out
         digest = proposed(asking)[0]["digest"]
         assert digest in said and "end_of_life.max_depth" in said and "0.0003" in said
-        assert run(["assets", "rig", "unsw", "--reject", digest, "--by", "me", "--url", url]) == 0
+        assert run(["remote", "assets", "rig", "unsw", "--reject", digest, "--by", "me", "--url", url]) == 0
         assert "rig file rejected for unsw: done" in capsys.readouterr().out
         assert proposed(asking) == [] and asking.get(f"{UNSW}/rig") == before
     with serving(data, network, SqliteFile(data), new_assets="ask") as asking:

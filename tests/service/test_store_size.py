@@ -56,9 +56,9 @@ def test_a_year_of_ten_minute_windows_takes_84_mb():
 def test_check_says_how_large_the_database_becomes(tmp_path, capsys):
     with SqlStore(tmp_path / DATABASE) as store:
         fill(store, ("unsw",), 50, 900)
-    assert run(["check", "--data", str(tmp_path), "--json", "-"]) == 0
+    assert run(["db", "check", "--data", str(tmp_path), "--json", "-"]) == 0
     said = capsys.readouterr()
     size = json.loads(said.out)["size"]
     assert size["windows"] == 50 and size["windows_then"] > 10_000 and size["then"] > 100 * size["now"]
-    assert run(["check", "--data", str(tmp_path)]) == 0
+    assert run(["db", "check", "--data", str(tmp_path)]) == 0
     assert "at this rate the retention keeps" in capsys.readouterr().err

@@ -267,8 +267,9 @@ def tables(folder):
 def test_a_replay_into_a_service_that_asks_says_why_it_fails_and_leaves_nothing(running, network, recording, tmp_path):
     sent = Replaying(network, recording, wait=2.0)
     error = sent.end()
-    assert "asset unsw is unknown to the service: adopt it on the page, or with gear-twin assets adopt unsw" in str(
-        error
+    assert (
+        "asset unsw is unknown to the service: adopt it on the page, or by gear-twin remote assets adopt unsw"
+        in str(error)
     )
     assert any("is unknown to the service" in line for line in sent.lines)
     wait_until(lambda: "unsw" in unknown_of(running))
@@ -333,14 +334,14 @@ def test_dismissed_on_the_command_line(running, network, recording, capsys):
     Replaying(network, recording, wait=1.0).end()
     wait_until(lambda: unknown_of(running))
     url = f"http://{running.http}"
-    assert run(["assets", "unknown", "--url", url]) == 0
+    assert run(["remote", "assets", "unknown", "--url", url]) == 0
     said = capsys.readouterr().out
-    assert "unsw" in said and "accel/y6" in said and "gear-twin assets adopt NAME" in said
-    assert run(["assets", "dismiss", "unsw", "--by", "me", "--url", url]) == 0
+    assert "unsw" in said and "accel/y6" in said and "gear-twin remote assets adopt NAME" in said
+    assert run(["remote", "assets", "dismiss", "unsw", "--by", "me", "--url", url]) == 0
     capsys.readouterr()
-    assert run(["assets", "unknown", "--url", url, "--json", "-"]) == 0
+    assert run(["remote", "assets", "unknown", "--url", url, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["assets"] == []
-    assert run(["assets", "adopt", "unsw", "--url", url]) == 2
+    assert run(["remote", "assets", "adopt", "unsw", "--url", url]) == 2
     assert "no frame of 'unsw' has come" in capsys.readouterr().err
     assert [e["action"] for e in running.get("/v1/audit")] == ["unknown asset dismissed"]
 

@@ -144,7 +144,7 @@ function baselinePanel(machine, signal, { baseline, kept }, renewed) {
       },
     }));
   } else {
-    made.append(element("p", { className: "none" }, "No window's signals are kept: learn it with gear-twin assets baseline."));
+    made.append(element("p", { className: "none" }, "No window's signals are kept: learn it with gear-twin remote assets baseline."));
   }
   if (baseline.own) {
     made.append(form({ title: "Remove it", submit: "Remove the baseline", danger: true, fields: [], send: async () => {
