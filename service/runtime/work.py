@@ -181,6 +181,8 @@ class Work:
     ) -> Turned:
         waits, place = job or window, self._place(asset, mark)
         assert waits is not None
+        if place is None:
+            return Turned(asset=asset)
         marks = Marks(mark, new_mark())
         refuse = f"{FAULT}: {waits.fault}, {waits.tries} times" if waits.tries >= TRIES else None
         if job is not None:
@@ -188,11 +190,13 @@ class Work:
         assert window is not None
         return self._window(place, marks, window, refuse, hand_back)
 
-    def _place(self, asset: str, mark: int) -> Place:
-        """Where the asset's jobs have come to."""
+    def _place(self, asset: str, mark: int) -> Place | None:
+        """Where the asset's jobs have come to; None where somebody has committed one while that was read."""
         known, place = self._places.get(asset, (None, None))
         if place is None or known != mark:
             place = self._read(asset)
+            if self._store.mark(asset) != mark:
+                return None
         self._at_hand(place, mark)
         return place
 

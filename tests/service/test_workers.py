@@ -190,6 +190,18 @@ def test_whoever_does_not_look_for_changes_reads_an_asset_each_time(store, tmp_p
     assert there.latest("a").windows_total == 3
 
 
+def test_a_state_that_was_read_while_somebody_else_committed_is_not_gone_on_from(store, tmp_path, monkeypatch):
+    """It was taken for that of the mark before: a database put back to that mark had a window counted twice."""
+    loop = loop_of(store, tmp_path)
+    loop.add("a", segment_of(window(0)))
+    with SqlStore(store.path, shared=True) as other:
+        late = work_of(other, tmp_path)
+        read = late._read
+        monkeypatch.setattr(late, "_read", lambda asset: (loop.carry_out(), read(asset))[1])
+        assert late.turn("a").index is None and "a" not in late._places
+    assert len(store.windows("a")) == 1
+
+
 def test_new_gears_begin_the_next_epoch_whoever_has_carried_the_earlier_ones_out(store, tmp_path):
     """A worker took the epoch, and the revolutions of the change, from what it had seen last of the asset."""
     loop, jobs = loop_of(store, tmp_path), Jobs(store.database)
