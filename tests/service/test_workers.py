@@ -198,7 +198,7 @@ def test_a_state_that_was_read_while_somebody_else_committed_is_not_gone_on_from
         late = work_of(other, tmp_path)
         read = late._read
         monkeypatch.setattr(late, "_read", lambda asset: (loop.carry_out(), read(asset))[1])
-        assert late.turn("a").index is None and "a" not in late._places
+        assert late.turn("a") == Turned(asset="a") and "a" not in late._places
     assert len(store.windows("a")) == 1
 
 
