@@ -170,7 +170,7 @@ def served(folder: Path, recordings: Sequence[Path], scratch: Path) -> None:
             found = [(f.type, s) for f in text_string_to_metric_families(answer.read().decode()) for s in f.samples]
         keep(folder, "metrics", {f"{kind} {s.name} {sorted(s.labels.items())}": "" for kind, s in found})
     for what in ("windows", "events"):
-        command("export", f"{scratch}/{what}.csv", "--what", what, "--data", f"{scratch}/data")
+        command("db", "export", f"{scratch}/{what}.csv", "--what", what, "--data", f"{scratch}/data")
         keep(folder, f"rest/export {what}", Path(scratch, f"{what}.csv").read_text(encoding="utf-8").splitlines())
 
 
