@@ -464,7 +464,7 @@ def test_the_command_lists_the_question_and_answers_it(running, network, first, 
 
     listed = gear_twin("list")
     assert "unsw  no verdict" in listed and "Gears replaced, or another machine?" in listed
-    assert "4 windows wait. Answer: gear-twin remote assets change unsw ANSWER" in listed
+    assert "4 windows wait. Answer: gear-twin remote assets change unsw\n  with one of " in listed
     assert gear_twin("change", "unsw", "other_machine", "--name", "bench-2", "--by", "me") == (
         "other_machine of unsw: done\n"
     )

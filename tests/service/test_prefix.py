@@ -36,8 +36,8 @@ HANDED_ON = {  # what the prefix is handed to
 WRITING = {"import"}
 IN_BATCHES = {"fleet assess"}  # reads what is stored: test_fleet_assess.py
 NO_STREAM = {  # commands that read neither a recording nor a stream
-    "config", "init", "thresholds", "relate", "depths", "detectability", "example", "backup", "restore", "export",
-    "check", "keys", "fleet",  # a fleet's keys are made of the setting: test_fleet_fence.py
+    "config", "init", "thresholds", "relate", "depths", "detectability", "example", "db",
+    "fleet",  # a fleet's keys are made of the setting: test_fleet_fence.py
     "simulate",  # another program's recordings: their prefix is that of the contract
 }  # fmt: skip
 
