@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.results.commit_watch import SOMETHING, FileWatch, say_committed
+from service.results import commit_watch
+from service.results.commit_watch import SOMETHING, FileWatch, Noticed, ServerWatch, Shown, say_committed
 
 
 @pytest.fixture
@@ -121,3 +122,23 @@ def test_a_commit_while_its_connection_was_lost_is_noticed(path):
     assert watch.wait(1.0) is SOMETHING
     watch.close()
     db.close()
+
+
+def test_a_server_that_always_has_something_to_say_is_looked_behind_twice_a_second(monkeypatch):
+    """A notice that was lost, as its process was killed just then, was never looked for while others kept coming."""
+    now, said = [100.0], ["names", "", "0 7 unsw", "12 3 a b", "unsw", "x 1 unsw", "1 unsw"]
+    server = SimpleNamespace(
+        execute=lambda statement: None,
+        notifies=lambda timeout, stop_after=None: [SimpleNamespace(payload=each) for each in said[:stop_after]],
+        close=lambda: None,
+    )
+    monkeypatch.setattr(commit_watch, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    watch = ServerWatch(lambda: server)
+    assert watch.wait(1.0) == Noticed(named=True, missed=True)  # what was said before it listened
+    rows, looks = frozenset({Shown(0, 7, "unsw"), Shown(12, 3, "a b")}), []
+    for _ in range(20):
+        noticed = watch.wait(1.0)
+        assert (noticed.shown, noticed.named, noticed.missed) == (rows, True, False)
+        looks.append(noticed.look)
+        now[0] += 0.125
+    assert looks == [True, False, False, False] * 5
